@@ -31,11 +31,12 @@ def test_stretched_changes_that_lead_back_are_left(monkeypatch, last, rounds):
     monkeypatch.setattr(
         augmented_lagrangian, "_balance", lambda *_: Balance(found=True, led_up=False)
     )
+    monkeypatch.setattr(augmented_lagrangian, "noise", lambda _: 0.0)
     step = SimpleNamespace(
         growth=None, turns=False, may_jump=False, descends=False, softens=True, ranks=ALONE,
         answers=answers,
         impulses_of_points=lambda: [given[0].copy()], set_impulses=take, size=lambda: 1.0,
-        corrections=0, noise=lambda: 0.0,
+        corrections=0,
     )  # fmt: skip
     change = find_contacts(step, 1e-6)
     if rounds is None:
@@ -54,10 +55,11 @@ def test_no_more_corrections_than_may_be(monkeypatch):
         return Balance(found=True, led_up=False)
 
     monkeypatch.setattr(augmented_lagrangian, "_balance", balance)
+    monkeypatch.setattr(augmented_lagrangian, "noise", lambda _: 0.0)
     step.__dict__.update(
         growth=None, turns=False, may_jump=False, descends=False, softens=True, ranks=ALONE,
         corrections=7,
-        size=lambda: 1.0, noise=lambda: 0.0,
+        size=lambda: 1.0,
         answers=lambda: [given[0] + 1.0], impulses_of_points=lambda: [given[0].copy()],
         set_impulses=lambda impulses: given.__setitem__(0, impulses[0].copy()),
     )  # fmt: skip
@@ -75,10 +77,11 @@ def test_rounds_that_find_no_balance_are_left(monkeypatch, found, rounds):
         return Balance(found=count[0] in found, led_up=False)
 
     monkeypatch.setattr(augmented_lagrangian, "_balance", balance)
+    monkeypatch.setattr(augmented_lagrangian, "noise", lambda _: 0.0)
     step = SimpleNamespace(
         growth=None, turns=False, may_jump=False, descends=False, softens=True, ranks=ALONE,
         corrections=0,
-        size=lambda: 1.0, noise=lambda: 0.0,
+        size=lambda: 1.0,
         answers=lambda: [given[0] + 0.8 ** count[0] * np.eye(2)[count[0] % 2]],
         impulses_of_points=lambda: [given[0].copy()],
         set_impulses=lambda impulses: given.__setitem__(0, impulses[0].copy()),

@@ -204,7 +204,7 @@ def test_a_static_step_throws_nothing_away(monkeypatch, given, far, ends):
     def moved(step, change=0.0):
         if np.any(change):
             return ask(step, change)
-        step._extent = extent
+        step.extent = extent
         step.loading.wanted = np.full_like(step.velocity, given)
         step.velocity = np.full_like(step.velocity, given + far)
         throws.append(ask(step))

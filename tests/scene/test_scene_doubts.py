@@ -14,6 +14,7 @@ import xper_fx as xf
 from xper_fx.scene.scene_doubts import scene_doubts
 
 FLOOR = xf.rigid.wall((0.0, -1.0), (0.0, 1.0), "floor")
+SWAPPED = xf.laws.MixedMode(1e12, (1.0, 2.0), (1e4, 2e4), 2.0)
 ROOF = xf.rigid.wall((0.0, 9.0), (0.0, -1.0), "roof")
 
 
@@ -26,7 +27,7 @@ def walled(point, normal):
 
 
 def bonded(stiffness):
-    return of_plate(default_interaction=xf.laws.CohesiveZone(stiffness, 1e4, 1.0))
+    return of_plate(default_interaction=xf.laws.CohesiveZone(stiffness, 1e4, 1e5))
 
 
 def of_material(young, density):
@@ -53,6 +54,7 @@ def in_cell(*speeds):
         lambda: walled((0.0, -0.5), (0.1, 3.0)),
         lambda: walled((0.0, 1e-6), (0.0, 1.0)),
         lambda: bonded(1e12),
+        lambda: of_plate(default_interaction=xf.laws.RigidCohesiveZone(1e4, 1e4)),
         lambda: near_block(1.3),
         lambda: in_cell(0.3, -0.3),
         lambda: blocks(1.0),
@@ -71,6 +73,7 @@ def test_sound_scenes_are_left_alone(scene):
         (lambda: walled((0.0, 0.0), (0.0, -1.0)), "tag 3 look along the normal (0.0, -1.0)"),
         (lambda: walled((0.0, 0.25), (0.0, 2.0)), "tag 3 lie up to 0.25 m inside"),
         (lambda: bonded(1e7), "1e+07 Pa/m of a cohesive law is soft"),
+        (lambda: of_plate(default_interaction=SWAPPED), "1 Pa and 1e+04 J/m^2 would open by 1e+04"),
         (lambda: of_material(1e11, 7.8e-9), "3.6e+09 m/s"),
         (lambda: of_material(1.0, 1e-3), "step of 1e-12 s is short beside the 0.0316 s"),
         (lambda: in_cell(0.3, 0.1), "mean velocity [0.2, 0.0] m/s"),

@@ -48,6 +48,7 @@ import numpy as np
 
 from xper_fx.bulk.coupled_step import Correction, CoupledStep
 from xper_fx.bulk.sparse_direct import SingularMatrixError
+from xper_fx.bulk.step_rounding import noise, rounding
 from xper_fx.support.ranks import Ranks
 
 logger = logging.getLogger(__name__)
@@ -136,7 +137,7 @@ def find_contacts(step: CoupledStep, good: float, most: float = np.inf) -> float
         logger.debug("impulses %d change by %.2e of %.2e N s", outer, change, size)
         length, last = _stretched(length, last, now, step.ranks) if outer > 1 else 1.0, now
         step.set_impulses([m + length * d for m, d in zip(given, moved, strict=True)])
-        if balanced and change <= max(good * size, step.noise()):
+        if balanced and change <= max(good * size, noise(step)):
             return good
         if balanced and step.may_jump and (best is None or change < best[0] * size):
             best = change / size, step.velocity, step.loading.time, step.impulses_of_points()
@@ -208,7 +209,7 @@ def _balance(
         if not np.isfinite(left):
             return None
         size = step.size()
-        if left <= max(error * size, step.rounding()) or size <= step.noise():
+        if left <= max(error * size, rounding(step)) or size <= noise(step):
             return Balance(True, led_up)
     return Balance(False, led_up)
 

@@ -39,12 +39,8 @@ from xper_fx.nscd.stepped_points import FacetFlippedError
 from xper_fx.support.profile import Stopwatch
 
 if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
     from xper_fx.nscd.growth import GrowthLimit
 
-# Relative rounding of velocities at the ends of a spring.
-_ROUNDING = 4.0 * np.finfo(float).eps
 # Corrections after which points of turning frames stay of the kind that they need once.
 _SETTLED = 4
 # Steps of differences where nothing moves yet, relative to the size of the scene a step.
@@ -79,8 +75,13 @@ class CoupledStep:
 
     Attributes:
         loading, interactions, state, step, growth: as given.
+        extent: of the bodies (m).
+        finite_strain: whether strains are those of positions.
+        stiffest: entry of the bulk's matrix (kg).
         ranks: those that divide the bodies.
         dot: inner product of vectors of all unknowns over them.
+        tangents: springs of the points, None without any.
+        motions: how they move with the unknowns.
         velocity: of all unknowns (m/s).
         residual, internal: of the bulk there, without impulses (N s), and its forces (N).
         slots: velocities of the points' nodes.
@@ -93,6 +94,7 @@ class CoupledStep:
             given, and neither inertia nor viscosity bounds how fast bonds break.
         softens: whether there are bonds that soften.
         descends: whether a state is looked for wherever the energy is least, beyond a snap.
+        contacts_known: whether an interior point has found them: what flips yet is rounding.
         flipped: what facet is flipped or degenerate in the present state, in words; or empty.
     """
 
@@ -113,13 +115,14 @@ class CoupledStep:
         bulk = matrices.bulk
         self.ranks, self.dot = bulk.ranks, bulk.dot
         self._free = ~bulk.layout.prescribed
-        self._extent = extent(bulk)
-        self._tangents = None if interactions is None else PointTangents(interactions)
-        self._motions = PointMotions(matrices, interactions, state)
+        self.finite_strain = bulk.forms.finite_strain
+        self.extent = extent(bulk)
+        self.tangents = None if interactions is None else PointTangents(interactions)
+        self.motions = PointMotions(matrices, interactions, state)
         # without inertia the last step's velocities mean nothing for this one
         inert = bulk.inertia is not None
         self.start = state.velocity if inert else np.zeros_like(state.displacement)
-        self._stiffest, self.corrections, self.state = 0.0, 0, state
+        self.stiffest, self.corrections, self.state = 0.0, 0, state
         self.turns = interactions is not None and interactions.turns
         searched = 0.0 if interactions is None else float(len(interactions.contacts))
         self.frames_differ = self.turns or self.ranks.max(searched) > 0.0
@@ -127,7 +130,8 @@ class CoupledStep:
         self.may_jump = not inert and growth is None and not self.ranks.max(float(viscous))
         softens = any(g.kernels.growth is not None for g in self._groups)
         self.softens = bool(self.ranks.max(float(softens)))
-        self.descends, self.flipped = False, ""
+        self.descends = self.contacts_known = False
+        self.flipped = ""
         self.restart()
 
     def restart(self) -> None:
@@ -201,18 +205,18 @@ class CoupledStep:
 
         The arrays are those of the next call, too.
         """
-        if self._tangents is None:
+        if self.tangents is None:
             return []
-        slots = self._present()
+        slots = self.present()
         with self._stopwatch.phase("point tangents"):
-            self._tangents.respond(slots)
-        return self._tangents.response
+            self.tangents.respond(slots)
+        return self.tangents.response
 
     def on_unknowns(self, impulses: Sequence[np.ndarray]) -> np.ndarray:
         """H r of impulses of each group, with their couples, shape (num_dofs,), N s."""
         out = np.zeros_like(self.velocity)
-        if self._tangents is not None:
-            slots, nodes = self._tangents.spread(impulses), self._matrices.nodes
+        if self.tangents is not None:
+            slots, nodes = self.tangents.spread(impulses), self._matrices.nodes
             out.reshape(-1, self.interactions.dim)[nodes] = slots[: len(nodes)]
             if self.turns:
                 from xper_fx.bulk.turning import couples_on
@@ -235,67 +239,82 @@ class CoupledStep:
         Raises:
             SingularMatrixError: the system cannot be factorised.
         """
-        watch, tangents = self._stopwatch, self._tangents
         self.corrections += 1
-        with watch.phase("bulk matrix"):
-            displacement = self._equations.displacement(self.velocity)
-            matrix = self._matrices.of_bulk(self.step, displacement)
-            self._stiffest = float(np.abs(matrix.data).max())
-        if tangents is not None:
-            with watch.phase("point tangents"):
-                tangents.linearise(self._present(), self._least(), proximal, convex)
+        self.linearise(proximal, convex)
         growth = self.growth if follows else None
         try:
-            found = self._solved(matrix, growth)
+            found = self._solved(growth)
             flies = found is not None and self.moved_too_far(found.velocity) > 0.0
-            return self._solved(matrix, growth) if flies and self._press(proximal) else found
+            return self._solved(growth) if flies and self._press(proximal) else found
         except SingularMatrixError:
             if not self._press(proximal):
                 raise
-            return self._solved(matrix, growth)
+            return self._solved(growth)
 
     def _press(self, proximal: float) -> bool:
         """Whether lips that touch, without impulse yet, were open and are now taken as closed.
 
         In statics bodies may hang by such lips alone. Open, they let them go anywhere.
         """
-        if self._tangents is None or self._matrices.bulk.inertia is not None:
+        if self.tangents is None or self._matrices.bulk.inertia is not None:
             return False
         with self._stopwatch.phase("point tangents"):
-            pressed = self._tangents.press(self._present(), self._least(), proximal)
+            pressed = self.tangents.press(self.present(), self._least(), proximal)
         return bool(self.ranks.max(float(pressed)))
 
-    def _solved(self, matrix: csr_array, growth: GrowthLimit | None) -> Correction | None:
+    def linearise(self, proximal: float, convex: bool = False) -> None:
+        """Take the springs of the points around the present state; see `correction`."""
+        if self.tangents is not None:
+            with self._stopwatch.phase("point tangents"):
+                self.tangents.linearise(self.present(), self._least(), proximal, convex)
+
+    def _solved(self, growth: GrowthLimit | None) -> Correction | None:
         """The correction of the bulk's matrix and the points' springs; see `correction`."""
-        matrices, interactions, watch = self._matrices, self.interactions, self._stopwatch
-        loading, right, stiffness = self.loading, self.residual, []
-        if self._tangents is not None:
-            with watch.phase("point tangents"):
-                stiffness = self._springs()
+        self.take_springs()
+        return self.along_springs(growth)
+
+    def take_springs(self) -> None:
+        """Take the system of the bulk at the present velocities, and of `tangents.stiffness`.
+
+        Raises:
+            SingularMatrixError: it cannot be factorised.
+        """
+        with self._stopwatch.phase("bulk matrix"):
+            displacement = self._equations.displacement(self.velocity)
+            matrix = self._matrices.of_bulk(self.step, displacement)
+            self.stiffest = float(np.abs(matrix.data).max())
+        with self._stopwatch.phase("point tangents"):
+            stiffness = [] if self.tangents is None else self._springs()
+        with self._stopwatch.phase("factorisation"):
+            self._matrices.factorise(matrix, stiffness, self.interactions)
+
+    def along_springs(self, growth: GrowthLimit | None = None) -> Correction | None:
+        """The correction of the last system, for the present impulses and `tangents.source`."""
+        loading, right = self.loading, self.residual
+        if self.tangents is not None:
+            with self._stopwatch.phase("point tangents"):
                 source = [
-                    g.impulse + s for g, s in zip(self._groups, self._tangents.source, strict=True)
+                    g.impulse + s for g, s in zip(self._groups, self.tangents.source, strict=True)
                 ]
                 right = right + self.on_unknowns(source)
-        with watch.phase("factorisation"):
-            matrices.factorise(matrix, stiffness, interactions)
         change = 0.0
-        with watch.phase("solution"):
-            dv = matrices.solve(right, loading.wanted - self.velocity)
+        with self._stopwatch.phase("solution"):
+            dv = self._matrices.solve(right, loading.wanted - self.velocity)
             if growth is not None:
                 along, driven = self._along()
         rigid = 0.0 * loading.driven
         if growth is not None:
             now = self._jumps()
-            scaled, changes = self.step * matrices.theta, self._motions.changes
+            scaled, changes = self.step * self._matrices.theta, self.motions.changes
             start = [x + scaled * du for x, du in zip(now, changes(dv, rigid), strict=True)]
             slope = [scaled * du for du in changes(along, driven)]
-            found = growth.change(now, self._tangents.held, start, slope)
+            found = growth.change(now, self.tangents.held, start, slope)
             if found is None or not np.isfinite(found):
                 return None
             change, dv, rigid = found, dv + found * along, found * driven
-        if self._tangents is None:
+        if self.tangents is None:
             return Correction(dv, change, [])
-        return Correction(dv, change, self._tangents.changes(self._motions.changes(dv, rigid)))
+        return Correction(dv, change, self.tangents.changes(self.motions.changes(dv, rigid)))
 
     def _along(self) -> tuple[np.ndarray, np.ndarray]:
         """Velocities of all unknowns and of rigid bodies for a unit of the load's time."""
@@ -307,27 +326,26 @@ class CoupledStep:
         """Time and velocities with which the start of the step goes on; see `Kinks.onwards`."""
         from xper_fx.bulk.rates import MULTIPLIERS, Kinks
 
-        matrices, points, h = self._matrices, self._tangents, self.step * self._matrices.theta
-        points.linearise(self._present(), self._least(), MULTIPLIERS)
+        matrices, points, h = self._matrices, self.tangents, self.step * self._matrices.theta
+        self.linearise(MULTIPLIERS)
         if not (kinks := Kinks(self._groups, points.stiffness, self.growth, h, self.ranks)).tell:
             return None
-        matrix = matrices.of_bulk(self.step, self._equations.displacement(self.velocity))
-        matrices.factorise(matrix, self._springs(), self.interactions)
+        self.take_springs()
         along, driven = self._along()
         ways = [matrices.solve(self.on_unknowns(r), 0.0 * along) for r in kinks.pushes()]
-        return kinks.onwards(self.loading.time, along, driven, ways, self._motions.changes)
+        return kinks.onwards(self.loading.time, along, driven, ways, self.motions.changes)
 
     def _pushed_by(self, driven: np.ndarray) -> np.ndarray | float:
         """What springs do to the unknowns where rigid bodies are driven at velocities (N s)."""
         if not driven.any():
             return 0.0
-        moved = self._motions.changes(np.zeros_like(self.velocity), driven)
-        springs = zip(self._tangents.stiffness, moved, strict=True)
+        moved = self.motions.changes(np.zeros_like(self.velocity), driven)
+        springs = zip(self.tangents.stiffness, moved, strict=True)
         return -self.on_unknowns([np.einsum("pij,pj->pi", k, du) for k, du in springs])
 
     def _springs(self) -> list[np.ndarray]:
         """K of each group, or what points whose frames turn have in its place."""
-        springs, theta = self._tangents.stiffness, self._matrices.theta
+        springs, theta = self.tangents.stiffness, self._matrices.theta
         if not self.turns:
             return springs
         from xper_fx.nscd.turning_tangents import springs as that_turn
@@ -367,48 +385,20 @@ class CoupledStep:
         vectors = self.step * self.internal, self.impulses, self._equations.start
         return self.ranks.max(max(float(np.abs(v).max(initial=0.0)) for v in vectors))
 
-    def rounding(self) -> float:
-        """What rounding of displacements leaves in the bulk and at the stiffest spring (N s)."""
-        return _ROUNDING * self._product_of_largest(self._stiffest_spring(), self.velocity)
-
-    def noise(self) -> float:
-        """Nodal impulses (N s) that rounding gives: less of them is none.
-
-        At finite strain that is rounding of positions, F = 1 + grad u, else of displacements.
-        """
-        displacement = self.state.displacement
-        if self._matrices.bulk.forms.finite_strain:
-            displacement = np.full(1, self._extent)
-        product = self._product_of_largest(self._stiffest_spring(), displacement / self.step)
-        return _ROUNDING * product
-
-    def _stiffest_spring(self) -> float:
-        """Of the bulk and of points that are not held."""
-        stiffest = self._stiffest
-        if self._tangents is not None:
-            for k, held in zip(self._tangents.stiffness, self._tangents.held, strict=True):
-                stiffest = max(stiffest, float(np.abs(k[~held]).max(initial=0.0)))
-        return stiffest
-
-    def _product_of_largest(self, stiffness: float, values: np.ndarray) -> float:
-        """Of all ranks the largest stiffness times the largest of values."""
-        largest = float(np.abs(values).max(initial=0.0))
-        return float(np.prod(self.ranks.max(np.array([stiffness, largest]))))
-
     def moved_too_far(self, change: float | np.ndarray = 0.0) -> float:
         """How far velocities with a change (m/s) move a body too far (m); see `moved_too_far`."""
         velocities = self.velocity + change, self.loading.wanted
-        return moved_too_far(self._matrices.bulk, self.step, *velocities, self._extent)
+        return moved_too_far(self._matrices.bulk, self.step, *velocities, self.extent)
 
     def num_held(self) -> int:
         """This rank's points whose impulses are multipliers."""
-        return 0 if self._tangents is None else sum(int(h.sum()) for h in self._tangents.held)
+        return 0 if self.tangents is None else sum(int(h.sum()) for h in self.tangents.held)
 
     def _least(self) -> float:
         """Velocity that differences are at least taken over."""
         speeds = self.slots, self.loading.wanted
         speed = self.ranks.max(max(float(np.abs(v).max(initial=0.0)) for v in speeds))
-        return max(_LEAST * float(speed), _SMALLEST * self._extent / self.step)
+        return max(_LEAST * float(speed), _SMALLEST * self.extent / self.step)
 
     # Openings
 
@@ -427,11 +417,11 @@ class CoupledStep:
 
     def _jumps(self) -> list[np.ndarray]:
         """Jumps of each group at the end of the step for the present velocities, m."""
-        return self._motions.jumps(self._present(), self.step)
+        return self.motions.jumps(self.present(), self.step)
 
-    def _present(self) -> np.ndarray:
+    def present(self) -> np.ndarray:
         """`slots` at the present velocities, which ranks tell each other once."""
         if self._of_slots is not self.velocity:
-            self.slots = self._motions.slots(self.velocity, self.loading.driven)
+            self.slots = self.motions.slots(self.velocity, self.loading.driven)
             self._of_slots = self.velocity
         return self.slots

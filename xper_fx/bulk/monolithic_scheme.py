@@ -16,6 +16,7 @@ from xper_fx.bulk.augmented_lagrangian import find_contacts
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.coupled_matrices import CoupledMatrices
 from xper_fx.bulk.coupled_step import CoupledStep
+from xper_fx.bulk.interior_contacts import find_contacts_inside
 from xper_fx.bulk.loading import Loading
 from xper_fx.bulk.semismooth_newton import SemismoothNewton
 from xper_fx.bulk.sparse_direct import SingularMatrixError
@@ -251,6 +252,10 @@ class MonolithicScheme:
             begin: takes the step to its start.
             first: whether it is the first of a path.
         """
+        for _ in find_contacts_inside(coupled, begin):
+            coupled.contacts_known = True
+            if self._solve(coupled, newton):
+                return True
         most = np.inf if first or self._jumps else _FEW
         for good in (_NEAR, self._tolerance):
             time = coupled.state.time + (0.0 if coupled.growth is not None else coupled.step)

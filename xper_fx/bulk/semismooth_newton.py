@@ -35,6 +35,7 @@ import numpy as np
 
 from xper_fx.bulk.coupled_step import Correction, CoupledStep
 from xper_fx.bulk.sparse_direct import SingularMatrixError
+from xper_fx.bulk.step_rounding import noise, rounding
 
 logger = logging.getLogger(__name__)
 
@@ -123,7 +124,7 @@ class SemismoothNewton:
             history.append(best[0])
             if not np.isfinite(best[0]):
                 return step.flipped or _NOT_FINITE
-            reference, floor = step.size(), step.rounding()
+            reference, floor = step.size(), rounding(step)
             self.left = self._most / reference if reference > 0.0 else 0.0
             logger.debug(
                 "iteration %d: length %g, %.2e left, growth %.1e, %d points held",
@@ -134,7 +135,7 @@ class SemismoothNewton:
                 step.num_held(),
             )
             allowed = tolerance * (1.0 if count <= _PATIENCE else _ROUND)
-            small = self._most <= max(allowed * reference, floor) or reference <= step.noise()
+            small = self._most <= max(allowed * reference, floor) or reference <= noise(step)
             if small and best[1] == 1.0 and abs(step.growth_left()) <= _GROWN:
                 if step.evolve() <= tolerance:
                     return self._loose()
@@ -150,7 +151,7 @@ class SemismoothNewton:
                 # flips too small to matter, which shorter steps of a path have too, and gaps of
                 # lips that have turned apart
                 for_good = step.turns or step.descends or step.growth is not None
-                little = for_good and self.left <= _ROUND * tolerance
+                little = self.left <= _ROUND * tolerance and (for_good or step.contacts_known)
                 if little and abs(step.growth_left()) <= _GROWN and step.evolve() <= tolerance:
                     return self._loose()
                 if proximal == _FIRM or self.left > _NEAR or not step.frames_differ:

@@ -80,6 +80,7 @@ def scene_doubts(scene: Scene, step: float | None) -> Iterator[str]:
             yield from mesh_overlaps(scene)
         yield from _units(scene, step)
         yield from _soft_bonds(scene)
+        yield from _long_bonds(scene)
 
 
 def _degrees(scene: Scene) -> Iterator[str]:
@@ -193,6 +194,27 @@ def _units(scene: Scene, step: float | None) -> Iterator[str]:
         )
 
 
+def _laws_between_bodies(scene: Scene) -> list[Law | None]:
+    """The laws of facing facets, as the scene was given them."""
+    given = (*scene.interactions.values(), *scene.facet_interactions.values())
+    return [*given, scene.default_interaction]
+
+
+def _long_bonds(scene: Scene) -> Iterator[str]:
+    """Bonds that would have to open farther than all bodies are wide before they break."""
+    width = float(np.linalg.norm(np.ptp(scene.bodies.mesh.geometry.x, axis=0)))
+    for law in _laws_between_bodies(scene):
+        if fields_of(law) or not hasattr(law, "fracture_energy") or not hasattr(law, "strength"):
+            continue
+        if law.fracture_energy > law.strength * width:
+            yield (
+                f"a {type(law).__name__} of {law.strength:.3g} Pa and {law.fracture_energy:.3g} "
+                f"J/m^2 would open by {law.fracture_energy / law.strength:.2g} m or more before it "
+                f"breaks, and all bodies are {width:.2g} m wide; look at the units, and whether "
+                "one stands in the place of the other"
+            )
+
+
 def _has_known_stiffness(law: Law | None) -> bool:
     """Whether a law is one of bonds whose parameters are numbers."""
     return hasattr(law, "stiffnesses") and not fields_of(law)
@@ -200,8 +222,7 @@ def _has_known_stiffness(law: Law | None) -> bool:
 
 def _soft_bonds(scene: Scene) -> Iterator[str]:
     """Cohesive laws softer than the bodies that they join."""
-    given = (*scene.interactions.values(), *scene.facet_interactions.values())
-    given = [law for law in (*given, scene.default_interaction) if _has_known_stiffness(law)]
+    given = [law for law in _laws_between_bodies(scene) if _has_known_stiffness(law)]
     moduli = [np.max(m.young) for m in scene.materials.values() if hasattr(m, "young")]
     if not given or not moduli or not len(scene.bodies.facets):
         return

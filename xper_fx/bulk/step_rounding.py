@@ -1,0 +1,40 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What rounding leaves of the balance of a monolithic step."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from xper_fx.bulk.coupled_step import CoupledStep
+
+# Relative rounding of velocities at the ends of a spring.
+_ROUNDING = 4.0 * np.finfo(float).eps
+
+
+def rounding(step: CoupledStep) -> float:
+    """What rounding of displacements leaves in the bulk and at the stiffest spring (N s)."""
+    return _ROUNDING * _product_of_largest(step, step.velocity)
+
+
+def noise(step: CoupledStep) -> float:
+    """Nodal impulses (N s) that rounding gives: less of them is none.
+
+    At finite strain that is rounding of positions, F = 1 + grad u, else of displacements.
+    """
+    displacement = step.state.displacement
+    if step.finite_strain:
+        displacement = np.full(1, step.extent)
+    return _ROUNDING * _product_of_largest(step, displacement / step.step)
+
+
+def _product_of_largest(step: CoupledStep, values: np.ndarray) -> float:
+    """Of all ranks the largest stiffness, points apart that are held, times the largest value."""
+    stiffest, tangents = step.stiffest, step.tangents
+    if tangents is not None:
+        for k, held in zip(tangents.stiffness, tangents.held, strict=True):
+            stiffest = max(stiffest, float(np.abs(k[~held]).max(initial=0.0)))
+    largest = float(np.abs(values).max(initial=0.0))
+    return float(np.prod(step.ranks.max(np.array([stiffest, largest]))))
