@@ -8,8 +8,9 @@ Each scene is run with an accuracy asked for and compared with a run whose setti
 external work, elastic and kinetic energy and each dissipation at the end (over the largest energy
 held), the largest force of the supports (relative), the motion of all nodes and bodies at the end
 (over the largest of the run, in the L2 norm). The true error is the largest of these; the table
-says which that is. With `--quantities` each of them is estimated by itself, from one finer run or
-as many as are given (`xf.study.estimate_errors`).
+says which that is. With `--quantities` each of them is estimated by itself, from one finer run, two
+where the first tells far more than the run of itself, or as many as are given
+(`xf.study.estimate_errors`).
 """
 
 from __future__ import annotations
@@ -348,39 +349,39 @@ def cases() -> dict[str, Case]:
         "elastic bar, theta = 1": Case(
             lambda: vibrating(ELASTIC), 8.0, {"step": 1e-3}, {"theta": 1.0}, LEFT
         ),
-        "neo-Hookean strip": Case(bending, 40.0, {"step": 0.01}, force=LEFT),
-        "bond": Case(pulled_bond, 15.0, {"step": 2e-3, "tolerance": 1e-6}, force=RIGHT),
+        "neo-Hookean strip": Case(bending, 40.0, {"step": 2e-3}, force=LEFT),
+        "bond": Case(pulled_bond, 15.0, {"step": 5e-4, "tolerance": 1e-6}, force=RIGHT),
         "resolved plate": Case(
             lambda: accuracy_cost.resolved_plate(20),
             GAUGE_END,
-            {"courant": 0.2, "scheme": "explicit", "tolerance": 1e-7},
+            {"courant": 0.05, "scheme": "explicit", "tolerance": 1e-7},
             force=plate.RIGHT,
         ),
         "resolved plate, implicit": Case(
             lambda: accuracy_cost.resolved_plate(20),
             GAUGE_END,
-            {"courant": 0.2, "scheme": "explicit", "tolerance": 1e-7},
+            {"courant": 0.05, "scheme": "explicit", "tolerance": 1e-7},
             {"scheme": "implicit"},
             plate.RIGHT,
         ),
         "printed plate": Case(
             lambda: plate.notched_plate(20, "strong"),
             printed,
-            {"courant": 0.2, "scheme": "explicit", "tolerance": 1e-7},
+            {"courant": 0.05, "scheme": "explicit", "tolerance": 1e-7},
             force=plate.RIGHT,
         ),
         "bar on a wall": Case(bouncing_bar, 15.0, {"step": 1e-3, "tolerance": 1e-6}),
-        "block on a wall": Case(soft_block, 0.25, {"step": 5e-5, "tolerance": 1e-6}),
+        "block on a wall": Case(soft_block, 0.25, {"step": 1e-5, "tolerance": 1e-6}),
         "plastic plate, static": Case(
-            lambda: plastic_plate(1e-2), 1.0, {"step": 1e-3}, STATIC, RIGHT
+            lambda: plastic_plate(1e-2), 1.0, {"step": 2e-4}, STATIC, RIGHT
         ),
-        "plastic cycle, static": Case(plastic_cycle, 2.0, {"step": 2e-3}, STATIC, RIGHT),
-        "plastic cycles, static": Case(plastic_cycles, 6.0, {"step": 2e-3}, STATIC, RIGHT),
+        "plastic cycle, static": Case(plastic_cycle, 2.0, {"step": 2e-4}, STATIC, RIGHT),
+        "plastic cycles, static": Case(plastic_cycles, 6.0, {"step": 5e-4}, STATIC, RIGHT),
         "plastic plate": Case(lambda: plastic_plate(1e-3), 10.0, {"step": 5e-3}, force=RIGHT),
         "plastic plate, explicit": Case(
             lambda: plastic_plate(1e-3),
             10.0,
-            {"courant": 0.1, "scheme": "explicit"},
+            {"courant": 0.02, "scheme": "explicit"},
             {"scheme": "explicit"},
             RIGHT,
         ),
@@ -393,13 +394,13 @@ def cases() -> dict[str, Case]:
             {"step": 2e-3},
             force=LEFT,
         ),
-        "tetrahedra on a wall": Case(solid_block, 0.15, {"step": 5e-5, "tolerance": 1e-6}),
+        "tetrahedra on a wall": Case(solid_block, 0.15, {"step": 1e-5, "tolerance": 1e-6}),
         "sheared block, static": Case(
-            sheared_block, 2.0, {"step": 5e-3, "tolerance": 1e-7}, STATIC, accuracy_cost.TOP
+            sheared_block, 2.0, {"step": 1e-4, "tolerance": 1e-9}, STATIC, accuracy_cost.TOP
         ),
         "ductile cell, static": Case(accuracy_asked.ductile_cell, 0.02, {"step": 2e-5}, STATIC),
         "torn plate, static": Case(
-            pulled_plate, 1.0, {"step": 1e-3, "tolerance": 1e-8}, STATIC, TOP
+            pulled_plate, 1.0, {"step": 1e-4, "tolerance": 1e-8}, STATIC, TOP
         ),
         "stressed cell, static": Case(stressed_cell, 1.0, {"step": 1e-3}, STATIC),
         "disc on a beam": Case(
@@ -414,7 +415,9 @@ def cases() -> dict[str, Case]:
             {"step": 1e-5, "tolerance": 1e-6},
             force=LEFT,
         ),
-        "ball on a plate": Case(ball_on_plate, 0.05, {"step": 1e-5, "tolerance": 1e-6}, force=LEFT),
+        "ball on a plate": Case(
+            ball_on_plate, 0.05, {"step": 2.5e-6, "tolerance": 1e-6}, force=LEFT
+        ),
         "sliding block": Case(sliding_block, 1.0, {"step": 1e-4}, {"step": 1e-2}),
         "rocking block": Case(rocking_block, 2.0, {"step": 5e-5}, {"step": 5e-3}),
         "falling discs": Case(
@@ -507,7 +510,7 @@ def errors(found: dict, fine: dict) -> dict[str, float]:
 
 
 def by_quantity(
-    name: str, case: Case, options: dict, fine: dict, refinements: int
+    name: str, case: Case, options: dict, fine: dict, refinements: int | None
 ) -> tuple[int, int]:
     """Print estimates of each quantity that errs; how many are believed, and how many there are."""
     quantities = {q: Watched(case, q) for q in errors(fine, fine)}
@@ -555,13 +558,12 @@ def main() -> None:
         "--quantities",
         type=int,
         nargs="?",
-        const=1,
-        default=0,
-        help="each by itself, from so many finer runs",
+        const=0,
+        help="each by itself, from so many finer runs, or as many as it takes",
     )
     args = parser.parse_args()
     columns = ["scene", "asked", "true", "of", "estimated", "over true", "steps"]
-    if args.quantities:
+    if args.quantities is not None:
         columns = ["scene", "asked", "of", "true", "estimated", "over true"]
     print(f"| {' | '.join(columns)} |\n" + "|---" * len(columns) + "|")
     believed = count = 0
@@ -574,12 +576,12 @@ def main() -> None:
             options = options_of(case, case.options) | {"accuracy": asked}
             if "step" in options:
                 options["step"] *= asked / ASKED[0]
-            if args.quantities:
-                good, of = by_quantity(name, case, options, fine, args.quantities)
+            if args.quantities is not None:
+                good, of = by_quantity(name, case, options, fine, args.quantities or None)
             else:
                 good, of = of_run(name, case, options, fine, bool(args.only))
             believed, count = believed + good, count + of
-    small = "of those above" if args.quantities else "or both below"
+    small = "or both below" if args.quantities is None else "of those above"
     print(
         f"\nwithin a factor of {WITHIN:g}, {small} {LITTLE:g} of what was asked for: "
         f"{believed} of {count}"

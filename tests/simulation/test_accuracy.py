@@ -11,7 +11,7 @@ from itertools import islice
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import LEFT, RIGHT, box_bodies, field, mesh_of, nodes
+from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies, field, mesh_of, nodes
 
 import xper_fx as xf
 from xper_fx.bodies.explode import explode
@@ -719,6 +719,26 @@ def test_plastic_flow_tells_its_error(accuracy):
     )
     assert error < 4.0 * accuracy
     assert error / 2.5 < asked.estimated_error < 2.5 * error
+
+
+def test_static_friction_does_not_add_up_what_steps_leave():
+    """A block in contact that sticks everywhere is a linear spring: against one step of it."""
+    block = Scene(
+        box_bodies((1.0, 1.0), (2, 2), label=0),
+        {1: LinearElastic(1e9, 0.3, 1e3)},
+        walls=[Wall(BOTTOM, (0, 0), (0, 1), SignoriniCoulomb(0.5))],
+        loads=[
+            PrescribedDisplacement(TOP, 0, lambda t: 1e-3 * max(t - 1.0, 0.0) ** 2),
+            PrescribedDisplacement(TOP, 1, lambda t: -1e-3 * min(t, 1.0)),
+        ],
+    )
+    static = {"theta": 1.0, "inertia": False}
+    asked, exact = Simulation(block, accuracy=1e-2, **static), Simulation(block, 2.0, **static)
+    for simulation in (asked, exact):
+        list(simulation.steps(2.0))
+    right = exact.ledger.energies.elastic
+    assert asked.ledger.energies.elastic == pytest.approx(right, rel=1e-4)
+    assert asked.ledger.energies.external_work == pytest.approx(right, rel=1e-4)
 
 
 def test_damping_of_theta_is_told():

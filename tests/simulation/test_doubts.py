@@ -116,3 +116,29 @@ def test_cells_that_turn_beyond_small_strain_in_a_static_run_are_told(
     assert [STRAINED in record.getMessage() for record in caplog.records] == [True] * told
     for record in caplog.records:
         assert float(record.getMessage().split()[-1]) == pytest.approx(shear, rel=0.1)
+
+
+def shifted(path: list, held: bool) -> xf.Simulation:
+    """A static run of a square whose right side follows a path; its left side is held or free."""
+    mesh = xf.crossed_rectangle((0.0, 0.0), (1.0, 1.0), (6, 6))
+    sides = {1: lambda x: x[0] < 1e-9, 2: lambda x: x[0] > 1.0 - 1e-9}
+    bodies = xf.explode(mesh, np.zeros(144, int), facet_tags=xf.tag_facets(mesh, sides))
+    follow = [lambda t, by=by: by * float(np.interp(t, range(len(path)), path)) for by in (1, 0.7)]
+    loads = [xf.PrescribedDisplacement(2, i, follow[i]) for i in (0, 1)]
+    loads += [xf.PrescribedDisplacement(1, i, 0.0) for i in (0, 1) if held]
+    steel = xf.materials.LinearElastic(1e9, 0.3, 1e3)
+    return xf.Simulation(xf.Scene(bodies, {1: steel}, loads=loads), 0.02, inertia=False)
+
+
+@pytest.mark.parametrize(
+    ("path", "held"), [([0.0, 1.5], False), ([0.0, 1e-3, 0.0], True)], ids=["moved", "released"]
+)
+def test_a_ledger_of_rounding_alone_is_not_told(path, held, caplog):
+    """A body that is moved as it is, and one that is stretched and let go."""
+    simulation = shifted(path, held)
+    with caplog.at_level("WARNING", logger="xper_fx"):
+        for _ in simulation.steps(len(path) - 1.0):
+            pass
+        ledger = simulation.ledger
+        assert ledger.from_nowhere > 0.1 and ledger.is_rounding(simulation.state.displacement)
+        assert not caplog.records

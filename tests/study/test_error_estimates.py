@@ -123,6 +123,42 @@ def test_more_refinements_come_closer(exact):
         assert quantity.error(found[name].finer, exact[name]) < 0.4 * true, name
 
 
+@dataclass(frozen=True)
+class Turning:
+    """A quantity that goes another way in the second run of a scene than in the others."""
+
+    runs: list
+    has_reference: ClassVar[bool] = True
+
+    def observe(self, simulation, step, seen):
+        """Nothing but the end counts."""
+
+    def value(self, simulation, seen):
+        """1, in the second run 2, in the third 1.1."""
+        self.runs.append(simulation)
+        return [1.0, 2.0, 1.1][len(self.runs) - 1]
+
+    def error(self, value, reference):
+        """Absolute."""
+        return abs(value - reference)
+
+
+@pytest.mark.parametrize(
+    ("options", "runs", "error"),
+    [
+        ({"accuracy": 0.04}, 3, 0.1 * 16 / 15),  # far more than the run tells: a third decides
+        ({"accuracy": 0.9}, 2, 4 / 3),
+        ({"accuracy": 0.04, "refinements": 1}, 2, 4 / 3),
+        ({}, 2, 4 / 3),  # a run that estimates nothing
+    ],
+)
+def test_a_third_run_decides_where_two_disagree(options, runs, error):
+    turning = Turning([])
+    found = estimate_errors(bonded, 0.1, {"which way": turning}, step=0.02, **options)
+    assert len(turning.runs) == runs
+    assert found["which way"].error == pytest.approx(error, rel=1e-9)
+
+
 def test_the_finer_run_has_the_scheme_that_was_picked(monkeypatch):
     """Cells that are each a body step explicitly where the step is picked, else implicitly."""
 

@@ -198,8 +198,8 @@ def test_phases_hold_what_their_arrays_take(recorded):
     assert held == {
         "set-up > forms": simulation.bulk.nbytes,
         # 8 triangles, one point each: e_p has four components, alpha is one; twelve answers of the
-        # end of the step and five stresses across the plane, and a weight
-        "step > commit": 8 * (5 + 12 + 5 + 1) * 8,
+        # end of the step, none of them across the plane, and a weight
+        "step > commit": 8 * (5 + 12 + 1) * 8,
         "output": sum(path.stat().st_size for path in files),
         "step > inverse": simulation.scheme.nbytes,
     }

@@ -36,6 +36,8 @@ from xper_fx.support.saved_rows import Rows
 
 # Masses and stiffnesses are kept as far from the limits of floats as their squares need.
 _SMALL = 1e-150
+# Rounding of an elastic energy, relative to that which the stiffest vibration would have.
+_ROUNDING = 1e-13
 
 
 class Bulk:
@@ -386,6 +388,13 @@ class Bulk:
         if displacement is None:
             self._critical_step = critical
         return critical
+
+    def rounding(self, displacement: np.ndarray) -> float:
+        """Rounding of the elastic energy u . K u / 2 (J; 2D: J/m) at displacements u.
+
+        Sums of entries of K u leave some ulps of omega^2 M u, omega of the stiffest vibration.
+        """
+        return _ROUNDING * (2.0 / self.critical_step() * self.norm(displacement)) ** 2
 
     def saved(self) -> dict:
         """What the next step depends on beside the state: internal variables."""

@@ -51,6 +51,7 @@ class BulkForms:
         order: order of the Lagrange space, 1 or 2.
         materials: material of each cell tag.
         forces: body forces, gravity, surface tractions, initial stresses.
+        judged: whether stresses of cells will be asked for, as of runs with an accuracy.
 
     Attributes:
         V: vector Lagrange space on `bodies.mesh`.
@@ -70,6 +71,7 @@ class BulkForms:
         order: int,
         materials: Mapping[int, Material | InelasticMaterial],
         forces: Sequence[BodyForce | Gravity | SurfaceTraction | InitialStress] = (),
+        judged: bool = False,
     ):
         mesh = bodies.mesh
         dim = mesh.geometry.dim
@@ -86,7 +88,7 @@ class BulkForms:
             subdomain_data=bodies.cell_tags,
             metadata={"quadrature_degree": self._degree},
         )
-        self._respond()
+        self._respond(judged)
         test, trial = ufl.TestFunction(self.V), ufl.TrialFunction(self.V)
         energies = [
             _checked_energy(t, m.energy(self.u, self._constant)) * self._dx(t)
@@ -117,7 +119,7 @@ class BulkForms:
     def _constant(self, value):
         return fem.Constant(self.bodies.mesh, default_scalar_type(value))
 
-    def _respond(self):
+    def _respond(self, judged: bool):
         """Responses of the inelastic materials, and the history they need."""
         inelastic = {t: m for t, m in self._items() if hasattr(m, "response")}
         variables = {t: m.variables for t, m in inelastic.items() if m.variables}
@@ -138,7 +140,7 @@ class BulkForms:
             from xper_fx.forms.point_responses import PointResponses
 
             self._at_points = PointResponses(
-                self.bodies, self._degree, self._responses, self.u, self.step, self._history
+                self.bodies, self._degree, self._responses, self.u, self.step, self._history, judged
             )
 
     @property
@@ -360,7 +362,7 @@ class BulkForms:
         points, weights = self.quadrature
         middle = interpolation_points(fem.functionspace(mesh, ("DG", 0)).element)
         tags, added = self.bodies.material_of_cell, initial and self._initial_stress is not None
-        known = set() if added or not self._responses else self._at_points.of_small_strain
+        known = set() if added or not self._responses else self._at_points.whole
         pieces = []
         for tag, material in self._items():
             if tag in known:

@@ -69,11 +69,13 @@ class PointResponses:
         u: displacement the responses are evaluated at (m).
         step: h (s) as the responses have it.
         history: internal variables, None where no material has any.
+        judged: whether stresses of cells will be asked for, so that those across the plane are
+            worth their place.
 
     Attributes:
         losses: names of the energies that are dissipated.
         flows: whether a material says by how much it flows in a step.
-        of_small_strain: tags of the materials whose nominal stress is Cauchy's.
+        whole: tags of the materials whose Cauchy stress is kept, all of it.
     """
 
     def __init__(
@@ -84,6 +86,7 @@ class PointResponses:
         u: fem.Function,
         step: fem.Constant,
         history: internal_variables.History | None,
+        judged: bool = False,
     ):
         self._mesh, self._u, self._step, self._history = bodies.mesh, u, step, history
         cell_name = self._mesh.topology.cell_name()
@@ -93,7 +96,8 @@ class PointResponses:
             name for name in LOSSES if any(getattr(r, name) is not None for r in responses.values())
         )
         self.flows = any(r.increment is not None for r in responses.values())
-        self.of_small_strain = {t for t, r in responses.items() if r.stress is r.nominal_stress}
+        small_strain = {t for t, r in responses.items() if r.stress is r.nominal_stress}
+        self.whole = small_strain if judged or dim == 3 else set()
         self._passes: dict[int, _Pass] = {}
         for tag, response in responses.items():
             parts = {"energy": [response.energy]}
@@ -108,7 +112,7 @@ class PointResponses:
                 parts["new"] = history.packed(tag, response.new)
             stress = response.nominal_stress
             parts["stress"] = [stress[i, j] for i in range(dim) for j in range(dim)]
-            if tag in self.of_small_strain:
+            if tag in self.whole:
                 parts["across"] = [stress[i, j] for i, j in _PLACES if max(i, j) >= dim]
             cells = np.flatnonzero(bodies.material_of_cell == tag).astype(np.int32)
             self._passes[tag] = _Pass(parts, points, cells)
@@ -160,7 +164,7 @@ class PointResponses:
         return max(float(np.abs(part).max(initial=0.0)) for part in parts)
 
     def stress(self, tag: int) -> np.ndarray:
-        """Stress of one of the materials `of_small_strain`, shape (n, num_points, 3, 3), Pa."""
+        """Cauchy stress of one of the materials `whole`, shape (n, num_points, 3, 3), Pa."""
         values, columns = self._evaluate()[tag], self._passes[tag].columns
         within = np.array([max(place) < self._mesh.geometry.dim for place in _PLACES])
         out = np.empty((*values.shape[:2], len(_PLACES)))

@@ -25,7 +25,8 @@ None of what makes the error (`error_estimate.py`) is made better than the other
   no less than a quarter of the shortest otherwise. The first bonds that open tell it, a step late.
   The step of an explicit bulk falls for it and does not rise again: each change near the critical
   step gives the fastest vibrations energy, and one that goes up and down feeds them without end;
-- **impulses**: their tolerance is a tenth of `accuracy`. What they leave of wrong sign
+- **impulses**: their tolerance is a tenth of `accuracy`, in static runs, where each step adds what
+  it leaves to the motion, a ten-thousandth. What they leave of wrong sign
   (`StepWork.numerical`), summed over the run, is held to a tenth of `accuracy` of the largest
   energy: above, the tolerance is halved.
 
@@ -77,7 +78,7 @@ _FIRST, _FINEST = 4, 64
 _ALIKE = 1e-9
 # Shortest step for bonds that snap, over the shortest otherwise.
 _SNAPPING = 0.25
-# Tightest tolerance, relative to the accuracy.
+# Tightest tolerance, relative to the accuracy, unless a run begins with a tighter one.
 _TIGHTEST = 1e-3
 
 
@@ -156,6 +157,7 @@ class AccuracyControl:
         accuracy = requested.accuracy
         self._accuracy, self._shares = accuracy, (math.sqrt(accuracy), accuracy)
         self.adapts_step, self._adapts_tolerance = requested.adapts_step, requested.adapts_tolerance
+        self._tightest = min(requested.tolerance, _TIGHTEST * accuracy)
         self._static, self._histories = base is None, histories
         self._patience = _STATIC_PATIENCE if self._static else _PATIENCE
         self._interacting = interacting
@@ -365,7 +367,7 @@ class AccuracyControl:
         learnt.tight_since += 1
         wrong = self.estimate.numerical
         if wrong > IMPULSES * self._accuracy and learnt.tight_since >= _PATIENCE:
-            learnt.tolerance = max(0.5 * learnt.tolerance, _TIGHTEST * self._accuracy)
+            learnt.tolerance = max(0.5 * learnt.tolerance, self._tightest)
             learnt.tight_since = 0
 
     def saved(self) -> dict:

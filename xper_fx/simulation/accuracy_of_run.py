@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
@@ -25,8 +24,6 @@ _CHEAPER, _OF_MORE = {1000: 4.0, 4000: 8.0}, 16.0
 SHORTEST = 0.7
 # Phases of waves run ahead by half of what those of the trapezoidal rule lag (Hughes 1987, 9.1.3).
 _OF_CENTRAL_DIFFERENCES = 0.5
-# Rounding of an elastic energy, relative to that which the stiffest vibration would have.
-_ROUNDING = 1e-13
 
 
 def control_of(
@@ -67,7 +64,8 @@ def control_of(
         ranks=bulk.ranks,
     )
     if not inertia and requested.adapts_step:
-        estimate.rounding = _rounding_of(bulk)
+        bulk.critical_step()  # of the start, as a run has it that goes on from a checkpoint
+        estimate.rounding = bulk.rounding
     if explicit and not interacting:
         estimate.lagging = _OF_CENTRAL_DIFFERENCES
     largest = LARGEST_GROWTH * base if inertia else np.inf
@@ -84,12 +82,3 @@ def first_implicit_step(bulk: Bulk) -> float:
     count = bulk.num_dofs_of_all
     times = next((times for most, times in _CHEAPER.items() if count < most), _OF_MORE)
     return times * SHORTEST * bulk.critical_step()
-
-
-def _rounding_of(bulk: Bulk) -> Callable[[np.ndarray], float]:
-    """Rounding of the elastic energy u . K u / 2 (J; 2D: J/m), as a function of displacements u.
-
-    Sums of entries of K u leave about as many ulps of omega^2 M u, omega of the stiffest vibration.
-    """
-    stiffest = 2.0 / bulk.critical_step()
-    return lambda displacement: _ROUNDING * (stiffest * bulk.norm(displacement)) ** 2

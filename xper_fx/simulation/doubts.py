@@ -6,8 +6,10 @@ from __future__ import annotations
 import logging
 from collections import Counter
 
+import numpy as np
+
 from xper_fx.nscd.stepped_points import StepWork
-from xper_fx.simulation.energy_ledger import BulkEnergies
+from xper_fx.simulation.energy_ledger import BulkEnergies, EnergyLedger
 
 logger = logging.getLogger(__name__)
 
@@ -147,14 +149,18 @@ class Doubts:
         if share > _DEEP:
             self.tell(SUNK, number, size, f": by up to {depth:.3g} m")
 
-    def tell_balance(self, from_nowhere: float, number: int) -> None:
+    def tell_balance(self, ledger: EnergyLedger, displacement: np.ndarray, number: int) -> None:
         """Warn once of energies that do not balance.
 
         Args:
-            from_nowhere: relative energy (`EnergyLedger.from_nowhere`).
+            ledger: of the run.
+            displacement: at the end of the last step (m).
             number: of the step.
         """
+        from_nowhere = ledger.from_nowhere
         if self._told_balance or number < _FIRST_STEPS or from_nowhere < _UNBALANCED:
+            return
+        if ledger.is_rounding(displacement):
             return
         self._told_balance = True
         logger.warning(

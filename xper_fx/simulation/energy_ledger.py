@@ -140,7 +140,7 @@ class EnergyLedger:
             cohesive=stored,
         )
         self._at_start = self.energies.held_and_lost
-        self._last_step = 0.0
+        self._last_step = self._entered = 0.0  # of the last: all that was given and held, summed
 
     @property
     def closure(self) -> float:
@@ -151,10 +151,31 @@ class EnergyLedger:
     @property
     def from_nowhere(self) -> float:
         """Energy gained or lost for no reason, relative to what the run was given and holds."""
+        given = self._given
+        return self._wrong / given if given > 0.0 else 0.0
+
+    @property
+    def _given(self) -> float:
+        """What the run was given and holds (J; 2D: J/m)."""
         e = self.energies
-        wrong = abs(self.closure) + max(-e.dissipated_numerical, 0.0)
-        given = abs(self._at_start) + abs(e.external_work) + e.kinetic + e.elastic + e.cohesive
-        return wrong / given if given > 0.0 else 0.0
+        return abs(self._at_start) + abs(e.external_work) + e.kinetic + e.elastic + e.cohesive
+
+    @property
+    def _wrong(self) -> float:
+        """Energy gained or lost for no reason (J; 2D: J/m)."""
+        return abs(self.closure) + max(-self.energies.dissipated_numerical, 0.0)
+
+    def is_rounding(self, displacement: np.ndarray) -> bool:
+        """Whether energy from nowhere is no more than rounding.
+
+        Each step enters energies to an ulp, and strains of bodies that have moved to what
+        displacements leave of them.
+
+        Args:
+            displacement: at the end of the last step (m).
+        """
+        ulps = np.finfo(float).eps * self._entered
+        return self._wrong < ulps + self._bulk.rounding(displacement)
 
     def bulk_energies(
         self,
@@ -288,6 +309,7 @@ class EnergyLedger:
             e.dissipated_impact += work.impact
             e.dissipated_viscous_bonds += work.viscous
             e.dissipated_numerical += work.numerical
+        self._entered += self._given
 
     def heal(self, work: float, gained: float) -> None:
         """Enter that overlaps were taken back after a step.
@@ -348,11 +370,13 @@ class EnergyLedger:
         return columns
 
     def saved(self) -> dict[str, float]:
-        """All energies, what was held at the start, and the last step."""
-        return vars(self.energies) | {"at_start": self._at_start, "last_step": self._last_step}
+        """All energies, what was held at the start, the last step, the sum of what was entered."""
+        other = {"at_start": self._at_start, "last_step": self._last_step}
+        return vars(self.energies) | other | {"entered": self._entered}
 
     def restore(self, saved: Mapping[str, float]) -> None:
         """Take the energies from what `saved` gave."""
         energies = dict(saved)
         self._at_start, self._last_step = energies.pop("at_start"), energies.pop("last_step")
+        self._entered = energies.pop("entered")
         self.energies = Energies(**energies)

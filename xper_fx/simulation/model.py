@@ -189,7 +189,8 @@ class Model:
         motions = [load for load in scene.loads if isinstance(load, driven)]
         forces = [load for load in scene.loads if not isinstance(load, driven)]
         with self.stopwatch.phase("forms"):
-            forms = BulkForms(self.bodies, scene.order, scene.materials, forces)
+            judged = self.options.requested.accuracy is not None
+            forms = BulkForms(self.bodies, scene.order, scene.materials, forces, judged)
         if scene.ties:
             from xper_fx.scene.tie import tie_points
 

@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 from xper_fx.support.checks import require_number, require_positive
 
-# Share of an accuracy that impulses may make of the error, as tolerance and as energy.
-IMPULSES = 0.1
+# Share of an accuracy that impulses may make of the error, as tolerance and as energy; as tolerance
+# of static steps, in each of which lips move by what it leaves.
+IMPULSES, _STATIC_IMPULSES = 0.1, 1e-4
 # Without an accuracy: the tolerance of the impulses and of Newton's corrections, and the accuracy
 # where only one of them is left to be picked. A static step finds impulses that bear all of a load,
 # and what it leaves of them moves lips by so much of what the load moves, in each step again.
@@ -72,7 +73,7 @@ class RequestedAccuracy(NamedTuple):
         if accuracy is None and (adapts_step or adapts_tolerance):
             accuracy = _ACCURACY
         if adapts_tolerance:
-            tolerance = IMPULSES * accuracy
+            tolerance = (IMPULSES if inertia else _STATIC_IMPULSES) * accuracy
         elif tolerance is None:
             tolerance = _TOLERANCE if inertia else _STATIC_TOLERANCE
         if newton_tolerance is None:

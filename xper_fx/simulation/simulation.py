@@ -238,7 +238,8 @@ class Simulation(Restartable):
             if self._judge is not None:
                 self._judge.tell(self)
             elif self.scene.bodies is not None:
-                self._attempts.doubts.tell_balance(self.ledger.from_nowhere, self.step_number)
+                moved = self.state.displacement
+                self._attempts.doubts.tell_balance(self.ledger, moved, self.step_number)
         finally:
             self._attempts.doubts.sum_up()
 
