@@ -128,16 +128,15 @@ class _ClosedPoints(NamedTuple):
     room: np.ndarray
 
 
-def _law(group: PointGroup, points: CoulombPoints) -> tuple[np.ndarray, ...]:
-    """What a path begins with: `at`, least, shift, mu, spring and push of `_ClosedPoints`."""
-    at = np.flatnonzero(np.isfinite(points.least))
+def _law(group: PointGroup, points: CoulombPoints, at: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Least, shift, mu, spring and push of `_ClosedPoints`."""
     none = np.zeros((len(group), group.kernels.components))
     spring, push = (none if a is None else a for a in (points.spring, points.push))
     mu = np.maximum(points.friction, LEAST_FRICTION)
     if group.kernels.components == 1:
         mu = np.ones(len(group))
     law = points.least, points.shift, mu, spring, push
-    return (at, *(np.ascontiguousarray(a[at]) for a in law))
+    return tuple(np.ascontiguousarray(a[at]) for a in law)
 
 
 def coulomb_points(group: PointGroup) -> CoulombPoints | None:
@@ -170,16 +169,18 @@ class ConePoints:
         ranks: Reductions = ALONE,
     ):
         self._groups, self._ranks = groups, ranks
-        laws = {number: _law(g, points[number]) for number, g in groups.items()}
-        ends = np.cumsum([0] + [len(law[0]) for law in laws.values()])
+        closed = {number: np.flatnonzero(np.isfinite(p.least)) for number, p in points.items()}
+        ends = np.cumsum([0] + [len(at) for at in closed.values()])
         arrays = np.zeros((7, ends[-1], dim))
         self._x, self._z, self._missing, self._g, self._dx, self._dz, self._unused = arrays
         self._scaling, room = np.empty((ends[-1], dim + 1)), np.empty(dim)
         own = self._x, self._z, self._scaling, self._missing, self._g, self._dx
         bounds = pairwise(ends.tolist())
         self.of_group = {
-            number: _ClosedPoints(*law, *(a[first:last] for a in own), room)
-            for (first, last), (number, law) in zip(bounds, laws.items(), strict=True)
+            number: _ClosedPoints(
+                at, *_law(groups[number], points[number], at), *(a[first:last] for a in own), room
+            )
+            for (first, last), (number, at) in zip(bounds, closed.items(), strict=True)
         }
         self._cones, self.gap = cone_kernels(dim), 0.0
 
@@ -198,11 +199,16 @@ class ConePoints:
         return np.sqrt(self._ranks.sum(sum(squares)) / count) if count else 0.0
 
     def renew(self, number: int) -> None:
-        """Take the constants of a group's law anew, whose frames have turned."""
-        group = self._groups[number]
-        _, *law = _law(group, coulomb_points(group))
-        for own, now in zip(self.of_group[number][1:6], law, strict=True):
-            own[:] = now
+        """Take the constants of a group's law anew, whose frames have turned.
+
+        Points that have opened since keep the least velocity that they had: who is in the cones
+        stays as it was.
+        """
+        group, own = self._groups[number], self.of_group[number]
+        least, *law = _law(group, coulomb_points(group), own.at)
+        np.copyto(own.least, least, where=np.isfinite(least))
+        for old, now in zip(own[2:6], law, strict=True):
+            old[:] = now
 
     def linearise(self, number: int, velocity: np.ndarray, stiffness: np.ndarray) -> None:
         """Take the impulses of a group, its K and what is missing.
