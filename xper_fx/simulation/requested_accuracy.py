@@ -5,11 +5,15 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from xper_fx.support.checks import require_number, require_positive
 
 # Share of an accuracy that impulses may make of the error, as tolerance and as energy; as tolerance
 # of static steps, in each of which lips move by what it leaves.
 IMPULSES, _STATIC_IMPULSES = 0.1, 1e-4
+# A tolerance over the one that is picked from which it is looser.
+_LOOSER = 1.5
 # Without an accuracy: the tolerance of the impulses and of Newton's corrections, and the accuracy
 # where only one of them is left to be picked. A static step finds impulses that bear all of a load,
 # and what it leaves of them moves lips by so much of what the load moves, in each step again.
@@ -37,6 +41,12 @@ class RequestedAccuracy(NamedTuple):
     newton_tolerance: float
     adapts_step: bool
     adapts_tolerance: bool
+
+    @property
+    def looser_than_static(self) -> float | None:
+        """The tolerance that an accuracy picks in a static run, where a looser one was given."""
+        picked = _STATIC_IMPULSES * (self.accuracy or np.inf)
+        return picked if self.tolerance > _LOOSER * picked else None
 
     @classmethod
     def chosen(
