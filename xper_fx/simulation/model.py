@@ -144,8 +144,8 @@ class Model:
                 "meshed bodies, which have no spin, has it: give a law with rolling=0 there."
             )
         self.monolithic = takes_one_system(options, scene, self.points, searched, self.bulk)
-        if not (self.monolithic or options.inertia) and self._laws:
-            self._doubt_tolerance(team)
+        if not (self.monolithic or options.inertia) and self._laws and team.rank == 0:
+            options.requested.doubt_tolerance()
         self.scheme = self.new_scheme()
         with stopwatch.phase("interaction points"):
             self.interactions = self._interactions()
@@ -377,21 +377,6 @@ class Model:
                 "fracture energy, a lower strength or smaller cells",
                 where, largest,
                 self.step_size / math.sqrt(largest),
-            )  # fmt: skip
-
-    def _doubt_tolerance(self, team: Ranks) -> None:
-        """Warn of a tolerance that leaves more, step after step, than the accuracy of a static run.
-
-        The estimate of its error looks at each step alone.
-        """
-        requested = self.options.requested
-        picked = requested.looser_than_static
-        if picked is not None and team.rank == 0:
-            logger.warning(
-                "a tolerance of %.3g is too loose for an accuracy of %.3g: what each static step "
-                "leaves of the impulses moves lips, adds up over the steps and is not estimated; "
-                "leave the tolerance out, or give %.2g",
-                requested.tolerance, requested.accuracy, picked,
             )  # fmt: skip
 
     def _healing(self) -> Healing | None:

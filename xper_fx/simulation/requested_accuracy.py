@@ -3,11 +3,13 @@
 
 from __future__ import annotations
 
+import logging
+import math
 from typing import NamedTuple
 
-import numpy as np
-
 from xper_fx.support.checks import require_number, require_positive
+
+logger = logging.getLogger(__name__)
 
 # Share of an accuracy that impulses may make of the error, as tolerance and as energy; as tolerance
 # of static steps, in each of which lips move by what it leaves.
@@ -42,11 +44,19 @@ class RequestedAccuracy(NamedTuple):
     adapts_step: bool
     adapts_tolerance: bool
 
-    @property
-    def looser_than_static(self) -> float | None:
-        """The tolerance that an accuracy picks in a static run, where a looser one was given."""
-        picked = _STATIC_IMPULSES * (self.accuracy or np.inf)
-        return picked if self.tolerance > _LOOSER * picked else None
+    def doubt_tolerance(self) -> None:
+        """Warn of a tolerance that leaves more, step after step, than the accuracy of a static run.
+
+        The estimate of its error looks at each step alone.
+        """
+        picked = _STATIC_IMPULSES * (self.accuracy or math.inf)
+        if self.tolerance > _LOOSER * picked:
+            logger.warning(
+                "a tolerance of %.3g is too loose for an accuracy of %.3g: what each static step "
+                "leaves of the impulses moves lips, adds up over the steps and is not estimated; "
+                "leave the tolerance out, or give %.2g",
+                self.tolerance, self.accuracy, picked,
+            )  # fmt: skip
 
     @classmethod
     def chosen(
