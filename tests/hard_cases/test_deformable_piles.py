@@ -12,6 +12,7 @@ from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.scene import Scene, Wall
 from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.errors import ConvergenceError
 
 GRAVITY = 10.0
 
