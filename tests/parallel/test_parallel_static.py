@@ -24,8 +24,8 @@ SCRIPT = "ranks/static_scenes.py"
 # all ranks factor.
 SCENES = {
     2: ("drawn", "wedged", "turned", "rigid", "touching", "nearing", "held", "leaning",
-        "pushed", "indented", "swept", "sprung", "inert", "tied", "peeled", "unrolled", "inert_cell", "cell",
-        "turned_cell",
+        "pushed", "indented", "swept", "sprung", "inert", "tied", "peeled", "unrolled",
+        "inert_cell", "cell", "turned_cell",
         "spread_drawn", "spread_touching", "factored_drawn", "factored_turned_cell", "groups",
         "messages", "stopped", "spread_stopped"),
     3: ("stopped", "spread_stopped"),
