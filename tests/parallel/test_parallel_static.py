@@ -20,8 +20,8 @@ SCRIPT = "ranks/static_scenes.py"
 # initially rigid bonds in space, searched contacts, also in steps picked until bodies touch,
 # contacts solved at their points, contacts that alone hold, also such as an interior point finds, a
 # rigid tool, also by sweeps, blocks on springs that Newton's method lets go, inertia, ties, paths
-# that snap back, periodic cells, also along a path, meshes that are spread over the ranks, matrices that
-# all ranks factor.
+# that snap back, periodic cells, also along a path, meshes that are spread over the ranks, matrices
+# that all ranks factor.
 SCENES = {
     2: ("drawn", "wedged", "turned", "rigid", "touching", "nearing", "held", "leaning",
         "pushed", "indented", "swept", "sprung", "inert", "tied", "peeled", "unrolled",
