@@ -471,16 +471,20 @@ def _add_bodies(data, data_offsets, sizes, starts, clusters, block_offsets, mark
     """The entries of w^-1 between nodes of one marked cluster."""
     for b in range(len(sizes)):
         n, node0 = sizes[b], starts[b] // dim
-        for i in range(n):
-            own = clusters.cluster[node0 + i // dim]
+        count = n // dim
+        for k in range(count):
+            own = clusters.cluster[node0 + k]
             if not marked[own]:
                 continue
             m = (clusters.offsets[own + 1] - clusters.offsets[own]) * dim
-            line = block_offsets[own] + (clusters.position[node0 + i // dim] * dim + i % dim) * m
-            for j in range(n):
-                if clusters.cluster[node0 + j // dim] == own:
-                    column = clusters.position[node0 + j // dim] * dim + j % dim
-                    blocks[line + column] += data[data_offsets[b] + i * n + j]
+            line = block_offsets[own] + clusters.position[node0 + k] * dim * m
+            for other in range(count):
+                if clusters.cluster[node0 + other] == own:
+                    into = line + clusters.position[node0 + other] * dim
+                    entry = data_offsets[b] + k * dim * n + other * dim
+                    for x in range(dim):
+                        for y in range(dim):
+                            blocks[into + x * m + y] += data[entry + x * n + y]
 
 
 @_KERNEL
