@@ -17,9 +17,10 @@ GROUND, TOP = 1, 2
 GLUED = 2  # cell tag
 
 
-def push(courses, bricks, friction, material, step=0.05, weight=True, glued=0, **options):
-    """The push (N/m) at the end of each step: pressed in 0.1 s, then pushed by 5 mm/s up to 1 s."""
-    end_time, contact = options.pop("end_time", 1.0), options.pop("contact", "position")
+def wall(
+    courses, bricks, friction, material, step=0.05, weight=True, glued=0, contact="position"
+):
+    """Pressed by a beam in 0.1 s, which then is pushed at 5 mm/s."""
     width, height = BRICK * bricks, COURSE * (courses + 1)
     mesh = xf.crossed_rectangle((0.0, 0.0), (width, height), (4 * bricks, 2 * (courses + 1)))
     x, y, _ = mesh.geometry.x[xf.geometry_dofmap(mesh)].mean(axis=1).T
@@ -46,7 +47,12 @@ def push(courses, bricks, friction, material, step=0.05, weight=True, glued=0, *
         default_interaction=xf.laws.SignoriniCoulomb(friction, contact=contact),
         loads=[*loads, *([xf.Gravity((0.0, -GRAVITY))] if weight else [])],
     )
-    simulation = xf.Simulation(scene, step, inertia=False, num_threads=1)
+    return xf.Simulation(scene, step, inertia=False, num_threads=1)
+
+
+def push(*arguments, end_time=1.0, **options):
+    """The push (N/m) at the end of each step of a wall."""
+    simulation = wall(*arguments, **options)
     return np.array([simulation.reaction(TOP)[0] for _ in simulation.steps(end_time)])
 
 
@@ -98,3 +104,24 @@ def test_an_interior_point_that_jams_begins_anew():
     borne = (PRESSURE + DENSITY * GRAVITY * COURSE) * 3 * BRICK
     assert len(forces) <= 38
     assert forces[-1] == pytest.approx(0.8 * borne, rel=1e-7)
+
+
+def test_every_joint_obeys_signorini_and_coulomb():
+    """Gaps, pressures and slips of each step, some of which an interior point has found."""
+    friction, step = 0.6, 0.05
+    simulation = wall(5, 5, friction, xf.materials.LinearElastic, step)
+    (joints,) = simulation.interactions.groups
+    before = joints.jump.copy()
+    for _ in simulation.steps(0.6):
+        r, slip, gap = joints.impulse, joints.jump[:, 1] - before[:, 1], joints.jump[:, 0]
+        before, largest = joints.jump.copy(), r.max()
+        bound = friction * r[:, 0]
+        assert r[:, 0].min() >= 0.0
+        assert np.abs(gap[r[:, 0] > 0.0]).max() < 1e-12
+        assert gap.min() > -1e-12
+        assert np.all(np.abs(r[:, 1]) <= bound + 1e-9 * largest)
+        slides = np.abs(slip) > 1e-9
+        np.testing.assert_allclose(
+            r[slides, 1], -np.sign(slip[slides]) * bound[slides], atol=1e-7 * largest
+        )
+    assert slides.sum() > 20

@@ -12,11 +12,12 @@ from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import SignoriniCoulomb
 from xper_fx.scene import Scene, Wall
 from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.errors import ConvergenceError
 
 GRAVITY = 10.0
 
 
-def brick_wall(solver, contact, max_sweeps=20_000, rows=5, columns=3, tolerance=1e-11):
+def brick_wall(solver, contact, max_sweeps=20_000, rows=5, columns=3):
     """Bricks 2 x 1 half over half, half bricks at the ends, sides touching, on the ground."""
     law = SignoriniCoulomb(0.5, contact=contact)
     brick = lambda x: 100 * np.floor(x[1]) + np.floor(0.5 * (x[0] + np.floor(x[1]) % 2))  # noqa: E731
@@ -27,14 +28,27 @@ def brick_wall(solver, contact, max_sweeps=20_000, rows=5, columns=3, tolerance=
         walls=[Wall(BOTTOM, (0, 0), (0, 1), law)],
         loads=[Gravity((0.0, -GRAVITY))],
     )
-    options = {"tolerance": tolerance, "max_halvings": 0, "max_sweeps": max_sweeps}
+    options = {"tolerance": 1e-11, "max_halvings": 0, "max_sweeps": max_sweeps}
     return Simulation(scene, 0.05, theta=1.0, solver=solver, num_threads=1, **options)
 
 
-@pytest.mark.parametrize("solver, tolerance", [("monolithic", 1e-11), ("auto", 1e-10)])
-def test_a_brick_wall_at_position_level(solver, tolerance):
-    """Its contacts are redundant; the ground bears its weight."""
-    simulation = brick_wall(solver, "position", max_sweeps=300, tolerance=tolerance)
+@pytest.mark.parametrize(
+    "solver",
+    [
+        "monolithic",
+        pytest.param(
+            "auto",
+            marks=pytest.mark.xfail(
+                raises=ConvergenceError,
+                strict=True,
+                reason="redundant contacts at the position level: sweeps stall at some 1e-9",
+            ),
+        ),
+    ],
+)
+def test_a_brick_wall_at_position_level(solver):
+    """The ground bears its weight."""
+    simulation = brick_wall(solver, "position", max_sweeps=300)
     run(simulation, 40)
     pushed = simulation.last.impulses.reshape(-1, 2)[:, 1].sum() / simulation.step_size
     weight = GRAVITY * simulation.bulk.mass.reshape(-1, 2)[:, 1].sum()

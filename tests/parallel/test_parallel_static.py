@@ -18,14 +18,14 @@ pytestmark = pytest.mark.ranks
 SCRIPT = "ranks/static_scenes.py"
 # Bonds that weaken, contacts that Newton's method does not find by itself, finite strain on a wall,
 # initially rigid bonds in space, searched contacts, also in steps picked until bodies touch,
-# contacts solved at their points, contacts that alone hold, a rigid tool, also by sweeps, blocks on
-# springs that Newton's method lets go, inertia, ties, paths that
-# snap back, periodic cells, also along a path, meshes that are spread over the ranks, matrices that
-# all ranks factor.
+# contacts solved at their points, contacts that alone hold, also such as an interior point finds, a
+# rigid tool, also by sweeps, blocks on springs that Newton's method lets go, inertia, ties, paths
+# that snap back, periodic cells, also along a path, meshes that are spread over the ranks, matrices
+# that all ranks factor.
 SCENES = {
     2: ("drawn", "wedged", "turned", "rigid", "touching", "nearing", "held", "leaning",
-        "indented", "swept", "sprung", "inert", "tied", "peeled", "unrolled", "inert_cell", "cell",
-        "turned_cell",
+        "pushed", "indented", "swept", "sprung", "inert", "tied", "peeled", "unrolled",
+        "inert_cell", "cell", "turned_cell",
         "spread_drawn", "spread_touching", "factored_drawn", "factored_turned_cell", "groups",
         "messages", "stopped", "spread_stopped"),
     3: ("stopped", "spread_stopped"),

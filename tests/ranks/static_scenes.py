@@ -156,6 +156,27 @@ def leaning():
     return scene, {"step": 0.25, **STATIC}, 4
 
 
+def pushed():
+    """A wall of dry bricks under a beam that presses it and is pushed until it slides."""
+
+    def brick(x):
+        course = np.floor(x[1])
+        column = np.floor(0.5 * (x[0] + course % 2))
+        return np.where(x[1] > 4.0, 0, 1 + 9 * course + column).astype(int)
+
+    scene = xf.Scene(
+        box_bodies((6.0, 5.0), (12, 10), label=brick), {1: ELASTIC},
+        default_interaction=xf.laws.SignoriniCoulomb(0.5, contact="position"),
+        loads=[
+            *moved((BOTTOM, 0, 0.0), (BOTTOM, 1, 0.0)),
+            xf.Gravity((0.0, -1e-4)),
+            xf.SurfaceTraction(TOP, lambda t: (0.0, -1e-3 * min(t, 1.0))),
+            xf.PrescribedDisplacement(TOP, 0, lambda t: 2e-2 * max(t - 1.0, 0.0)),
+        ],
+    )  # fmt: skip
+    return scene, {"step": 0.25, **STATIC}, 12
+
+
 def indented():
     """Four blocks under a disc that is driven into them and along them."""
     bodies = box_bodies((2.0, 1.0), (12, 6), label=lambda x: (1.999 * x[0]).astype(int))
@@ -311,8 +332,8 @@ def loose():
 
 SCENES = {
     f.__name__: f
-    for f in (drawn, wedged, turned, rigid, touching, nearing, held, leaning, indented, swept,
-              sprung, inert, tied,
+    for f in (drawn, wedged, turned, rigid, touching, nearing, held, leaning, pushed,
+              indented, swept, sprung, inert, tied,
               peeled, unrolled, row, stopped, inert_cell, cell, turned_cell, celled_path, loose)
 }  # fmt: skip
 

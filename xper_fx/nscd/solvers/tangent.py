@@ -365,54 +365,55 @@ def _spring_kernels(sides: Sides):
 
 
 @_KERNEL
-def _invert(a, first, n, swaps):
-    """In-place inverse of the n x n block of `a` at `first`, pivots by rows; False if singular."""
-    scale = 0.0
+def _invert(a, first, n, swaps, row):
+    """In-place inverse of the n x n block of `a` at `first`, pivots by rows; False if singular.
+
+    `row` has room for the row of a pivot, so that the rows are changed without looking at it again.
+    """
+    first, n, scale = np.uintp(first), np.uintp(n), 0.0
     for i in range(n * n):
         scale = max(scale, abs(a[first + i]))
     for p in range(n):
         best = p
-        for i in range(p + 1, n):
+        for i in range(p + np.uintp(1), n):
             if abs(a[first + i * n + p]) > abs(a[first + best * n + p]):
                 best = i
         swaps[p] = best
         pivot = a[first + best * n + p]
         if not abs(pivot) > _SINGULAR * scale:
             return False
-        if best != p:
-            for j in range(n):
-                x = a[first + p * n + j]
-                a[first + p * n + j] = a[first + best * n + j]
-                a[first + best * n + j] = x
-        inverse = 1.0 / pivot
-        a[first + p * n + p] = 1.0
+        inverse, own, other = 1.0 / pivot, first + p * n, first + best * n
         for j in range(n):
-            a[first + p * n + j] *= inverse
+            row[j], a[other + j] = a[other + j] * inverse, a[own + j]
+        row[p] = inverse
         for i in range(n):
-            factor = a[first + i * n + p]
+            line = first + i * n
+            factor = a[line + p]
             if i != p and factor != 0.0:
-                a[first + i * n + p] = 0.0
+                a[line + p] = 0.0
                 for j in range(n):
-                    a[first + i * n + j] -= factor * a[first + p * n + j]
-    for p in range(n - 1, -1, -1):
-        if swaps[p] != p:
-            q = swaps[p]
+                    a[line + j] -= factor * row[j]
+        for j in range(n):
+            a[own + j] = row[j]
+    for back in range(n):
+        p = n - np.uintp(1) - back
+        q = swaps[p]
+        if q != p:
             for i in range(n):
-                x = a[first + i * n + p]
-                a[first + i * n + p] = a[first + i * n + q]
-                a[first + i * n + q] = x
+                line = first + i * n
+                a[line + p], a[line + q] = a[line + q], a[line + p]
     return True
 
 
 @_KERNEL
-def _invert_bodies(data, data_offsets, sizes, fixed, starts, swaps):
+def _invert_bodies(data, data_offsets, sizes, fixed, starts, swaps, row):
     """w^-1 in place of w; rows and columns of prescribed degrees of freedom stay zero."""
     for b in range(len(sizes)):
         n, first, start = sizes[b], data_offsets[b], starts[b]
         for i in range(n):
             if fixed[start + i]:
                 data[first + i * n + i] = 1.0
-        if not _invert(data, first, n, swaps):
+        if not _invert(data, first, n, swaps, row):
             return False
         for i in range(n):
             if fixed[start + i]:
@@ -430,8 +431,9 @@ def inverted_bodies(inverse: BodyInverse) -> tuple[np.ndarray, np.ndarray, bool]
     sizes = np.diff(inverse.node_offsets) * inverse.dim
     starts = inverse.node_offsets[:-1] * inverse.dim
     blocks, fixed = inverse.data.copy(), prescribed(inverse)
-    swaps = np.empty(sizes.max(), np.int64)
-    regular = _invert_bodies(blocks, inverse.data_offsets, sizes, fixed, starts, swaps)
+    largest = sizes.max()
+    room = np.empty(largest, np.uintp), np.empty(largest)
+    regular = _invert_bodies(blocks, inverse.data_offsets, sizes, fixed, starts, *room)
     return blocks, fixed, regular
 
 
@@ -469,20 +471,24 @@ def _add_bodies(data, data_offsets, sizes, starts, clusters, block_offsets, mark
     """The entries of w^-1 between nodes of one marked cluster."""
     for b in range(len(sizes)):
         n, node0 = sizes[b], starts[b] // dim
-        for i in range(n):
-            own = clusters.cluster[node0 + i // dim]
+        count = n // dim
+        for k in range(count):
+            own = clusters.cluster[node0 + k]
             if not marked[own]:
                 continue
             m = (clusters.offsets[own + 1] - clusters.offsets[own]) * dim
-            line = block_offsets[own] + (clusters.position[node0 + i // dim] * dim + i % dim) * m
-            for j in range(n):
-                if clusters.cluster[node0 + j // dim] == own:
-                    column = clusters.position[node0 + j // dim] * dim + j % dim
-                    blocks[line + column] += data[data_offsets[b] + i * n + j]
+            line = block_offsets[own] + clusters.position[node0 + k] * dim * m
+            for other in range(count):
+                if clusters.cluster[node0 + other] == own:
+                    into = line + clusters.position[node0 + other] * dim
+                    entry = data_offsets[b] + k * dim * n + other * dim
+                    for x in range(dim):
+                        for y in range(dim):
+                            blocks[into + x * m + y] += data[entry + x * n + y]
 
 
 @_KERNEL
-def _invert_clusters(clusters, block_offsets, marked, blocks, fixed, dim, swaps):
+def _invert_clusters(clusters, block_offsets, marked, blocks, fixed, dim, swaps, row):
     for a in range(len(marked)):
         if not marked[a]:
             continue
@@ -494,7 +500,7 @@ def _invert_clusters(clusters, block_offsets, marked, blocks, fixed, dim, swaps)
                     blocks[block_offsets[a] + i * n + j] = 0.0
                     blocks[block_offsets[a] + j * n + i] = 0.0
                 blocks[block_offsets[a] + i * n + i] = 1.0
-        if not _invert(blocks, block_offsets[a], n, swaps):
+        if not _invert(blocks, block_offsets[a], n, swaps, row):
             return False
     return True
 
@@ -744,7 +750,7 @@ class LinearisedProblem:
             [[0], np.cumsum((np.diff(self._clusters.offsets) * dim) ** 2)]
         )
         self._blocks = np.empty(self._block_offsets[-1])
-        self._swaps = np.empty(np.diff(self._clusters.offsets).max() * dim, np.int64)
+        self._swaps = np.empty(np.diff(self._clusters.offsets).max() * dim, np.uintp)
         self._beside = np.empty((2, len(self._swaps)))
         self._couplings = _Couplings.of(self._clusters, self._sizes, dim)
         self.tangents = PointTangents(interactions)
@@ -852,7 +858,7 @@ class LinearisedProblem:
                 np.empty((dim, dim)),
             )  # fmt: skip
         self.solvable = _invert_clusters(
-            clusters, offsets, marked, blocks, self._fixed, dim, self._swaps
+            clusters, offsets, marked, blocks, self._fixed, dim, self._swaps, self._beside[0]
         )
         self._fresh = not self.solvable
 
