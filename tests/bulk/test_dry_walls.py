@@ -17,9 +17,7 @@ GROUND, TOP = 1, 2
 GLUED = 2  # cell tag
 
 
-def wall(
-    courses, bricks, friction, material, step=0.05, weight=True, glued=0, contact="position"
-):
+def wall(courses, bricks, friction, material, step=0.05, weight=True, glued=0, contact="position"):
     """Pressed by a beam in 0.1 s, which then is pushed at 5 mm/s."""
     width, height = BRICK * bricks, COURSE * (courses + 1)
     mesh = xf.crossed_rectangle((0.0, 0.0), (width, height), (4 * bricks, 2 * (courses + 1)))
