@@ -245,30 +245,41 @@ class MonolithicScheme:
     def _from_contacts(
         self, coupled: CoupledStep, newton: SemismoothNewton, begin: Callable[[], None], first: bool
     ) -> bool:
-        """Whether the step was solved from contacts that the method of multipliers finds.
+        """Whether the step was solved from contacts that are found first.
+
+        Where a shorter step has a state near by, the method of multipliers finds them first, which
+        goes on from the last ones; an interior point forgets these.
 
         Args:
             coupled, newton: of the step.
             begin: takes the step to its start.
             first: whether it is the first of a path.
         """
-        for _ in find_contacts_inside(coupled, begin):
-            coupled.contacts_known = True
-            if self._solve(coupled, newton):
-                return True
-        most = np.inf if first or self._jumps else _FEW
-        for good in (_NEAR, self._tolerance):
-            time = coupled.state.time + (0.0 if coupled.growth is not None else coupled.step)
-            coupled.loading.set(time)
-            begin()
-            change = find_contacts(coupled, good, most)
-            if change > _ROUGH:
-                break
-            if self._solve(coupled, newton):
-                return True
-            if change > good:
-                break
-        return False
+
+        def inside() -> bool:
+            for _ in find_contacts_inside(coupled, begin):
+                coupled.contacts_known = True
+                if self._solve(coupled, newton):
+                    return True
+            return False
+
+        def by_multipliers() -> bool:
+            most = np.inf if first or self._jumps else _FEW
+            for good in (_NEAR, self._tolerance):
+                time = coupled.state.time + (0.0 if coupled.growth is not None else coupled.step)
+                coupled.loading.set(time)
+                begin()
+                change = find_contacts(coupled, good, most)
+                if change > _ROUGH:
+                    break
+                if self._solve(coupled, newton):
+                    return True
+                if change > good:
+                    break
+            return False
+
+        ways = (inside, by_multipliers) if coupled.may_jump else (by_multipliers, inside)
+        return any(find() for find in ways)
 
     def _solve(self, coupled: CoupledStep, newton: SemismoothNewton) -> bool:
         """Whether the step was solved."""
