@@ -39,14 +39,12 @@ def find_contacts_inside(step: CoupledStep, begin: Callable[[], None]) -> Iterat
     """Bring velocities and impulses of a step near to its solution, on one path after another.
 
     Args:
-        step: its load is given.
+        step: its load is given, and no bond softens.
         begin: takes it to its start.
 
     Yields:
-        Where one is near. None is where no point may touch, or bonds soften.
+        Where one is near. None is where no point may touch.
     """
-    if step.growth is not None or step.softens:
-        return
     for start in _STARTS:
         begin()
         if _Path(step, start).run():

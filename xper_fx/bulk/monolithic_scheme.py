@@ -16,7 +16,6 @@ from xper_fx.bulk.augmented_lagrangian import find_contacts
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.coupled_matrices import CoupledMatrices
 from xper_fx.bulk.coupled_step import CoupledStep
-from xper_fx.bulk.interior_contacts import find_contacts_inside
 from xper_fx.bulk.loading import Loading
 from xper_fx.bulk.semismooth_newton import SemismoothNewton
 from xper_fx.bulk.sparse_direct import SingularMatrixError
@@ -257,6 +256,10 @@ class MonolithicScheme:
         """
 
         def inside() -> bool:
+            if coupled.growth is not None or coupled.softens:
+                return False
+            from xper_fx.bulk.interior_contacts import find_contacts_inside
+
             for _ in find_contacts_inside(coupled, begin):
                 coupled.contacts_known = True
                 if self._solve(coupled, newton):
