@@ -2,12 +2,12 @@
 r"""Who is in contact, by an interior point: where Newton's method goes in circles on dry contacts.
 
 The path of `nscd/solvers/central_path.py` on the unknowns of a monolithic step. Of each point that
-may touch, x = (mu r_N, r_T) and z = (u~_N / mu, u~_T) stay within their cones while x . z falls to
+may touch, x and z of `nscd/solvers/cone_points.py` stay within their cones while x . z falls to
 zero, and each iteration solves
 
     (A + H K H^T) dv = R + H (r + g)
 
-with the springs K and sources g of that path, for its predictor and again for its corrector. Points
+with the springs K and sources g given there, for its predictor and again for its corrector. Points
 of other laws have the springs that Newton's method would give them. So no point changes its branch
 at once: where a Newton iteration takes turns between a point that is open, and is pushed in, and
 one that slips, and is pulled, it sticks.
