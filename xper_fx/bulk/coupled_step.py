@@ -94,6 +94,7 @@ class CoupledStep:
             given, and neither inertia nor viscosity bounds how fast bonds break.
         softens: whether there are bonds that soften.
         descends: whether a state is looked for wherever the energy is least, beyond a snap.
+        contacts_known: whether an interior point has found them: what flips yet is rounding.
         flipped: what facet is flipped or degenerate in the present state, in words; or empty.
     """
 
@@ -129,7 +130,8 @@ class CoupledStep:
         self.may_jump = not inert and growth is None and not self.ranks.max(float(viscous))
         softens = any(g.kernels.growth is not None for g in self._groups)
         self.softens = bool(self.ranks.max(float(softens)))
-        self.descends, self.flipped = False, ""
+        self.descends = self.contacts_known = False
+        self.flipped = ""
         self.restart()
 
     def restart(self) -> None:

@@ -261,6 +261,7 @@ class MonolithicScheme:
             from xper_fx.bulk.interior_contacts import find_contacts_inside
 
             for _ in find_contacts_inside(coupled, begin):
+                coupled.contacts_known = True
                 if self._solve(coupled, newton):
                     return True
             return False

@@ -151,7 +151,7 @@ class SemismoothNewton:
                 # flips too small to matter, which shorter steps of a path have too, and gaps of
                 # lips that have turned apart
                 for_good = step.turns or step.descends or step.growth is not None
-                little = for_good and self.left <= _ROUND * tolerance
+                little = self.left <= _ROUND * tolerance and (for_good or step.contacts_known)
                 if little and abs(step.growth_left()) <= _GROWN and step.evolve() <= tolerance:
                     return self._loose()
                 if proximal == _FIRM or self.left > _NEAR or not step.frames_differ:
