@@ -44,6 +44,8 @@ _MAX_ITERATIONS = 60
 _TO_BOUNDARY = 0.99
 # Steps shorter than this, or complementarity below this of its first value, end the descent.
 _SHORTEST, _ROUNDING = 1e-3, 1e-18
+# What the eigenvalues of x o z are brought between, in units of the centre's: this and its inverse.
+_LEAST_SHARE = 0.2
 TINY = np.finfo(float).tiny
 
 
@@ -70,6 +72,7 @@ class ConeKernels(NamedTuple):
         reach: `reach(x, z, dx, dz, step)`, x . z after a step.
         correct: `correct(scaling, x, z, dx, dz, centre, residual, g, rhs)` takes dx and dz of the
             predictor, and sets g and the right-hand side of the corrector for x o z = centre e.
+        recentre: `recentre(scaling, x, z, dx, dz, step, centre, g)` changes g for a longer step.
         advance: `advance(x, z, dx, dz, step)` goes so far.
     """
 
@@ -79,6 +82,7 @@ class ConeKernels(NamedTuple):
     to_dz: Callable
     reach: Callable
     correct: Callable
+    recentre: Callable
     advance: Callable
 
 
@@ -156,6 +160,27 @@ def cone_kernels(dim: int) -> ConeKernels:
         for i in range(1, dim):
             out[i] = factor * (vector[i] + scaling[a, i] * common)
 
+    @njit(inline="always")
+    def multiply(p, s, out):
+        """out = p o s."""
+        out[0] = p[0] * s[0]
+        for i in range(1, dim):
+            out[0] += p[i] * s[i]
+            out[i] = p[0] * s[i] + s[0] * p[i]
+
+    @njit(inline="always")
+    def divide(lam, c):
+        """c = lam \\ c, which is lam o c = c for the c of before."""
+        inner, square = 0.0, 0.0
+        for i in range(1, dim):
+            inner += lam[i] * c[i]
+            square += lam[i] * lam[i]
+        size = np.sqrt(square)
+        first = (lam[0] * c[0] - inner) / max((lam[0] - size) * (lam[0] + size), TINY)
+        for i in range(1, dim):
+            c[i] = (c[i] - lam[i] * first) / lam[0]
+        c[0] = first
+
     @njit(error_model="numpy")
     def to_dz(scaling, g, dx, dz):
         """dz = g - Theta dx."""
@@ -176,21 +201,11 @@ def cone_kernels(dim: int) -> ConeKernels:
             unscale(scaling, a, dx[a], p, True)
             unscale(scaling, a, dz[a], s, False)
             unscale(scaling, a, z[a], lam, False)
-            c[0] = centre
-            for i in range(dim):
-                c[0] -= p[i] * s[i]
-            inner = 0.0
+            multiply(p, s, c)
+            c[0] = centre - c[0]
             for i in range(1, dim):
-                c[i] = -(p[0] * s[i] + s[0] * p[i])
-                inner += lam[i] * c[i]
-            size = 0.0
-            for i in range(1, dim):
-                size += lam[i] * lam[i]
-            size = np.sqrt(size)
-            first = (lam[0] * c[0] - inner) / max((lam[0] - size) * (lam[0] + size), TINY)
-            for i in range(1, dim):
-                c[i] = (c[i] - lam[i] * first) / lam[0]
-            c[0] = first
+                c[i] = -c[i]
+            divide(lam, c)
             unscale(scaling, a, c, p, True)
             slip = size_t(z, a)
             for i in range(dim):
@@ -200,13 +215,42 @@ def cone_kernels(dim: int) -> ConeKernels:
                 rhs[a, 0] -= z[a, i] / max(slip, TINY) * g[a, i]
 
     @njit(error_model="numpy")
+    def recentre(scaling, x, z, dx, dz, step, centre, g):
+        """Add to g what brings the eigenvalues of x o z after a step nearer to the centre's."""
+        p, s, lam, c = np.empty(dim), np.empty(dim), np.empty(dim), np.empty(dim)
+        low, high = centre * _LEAST_SHARE, centre / _LEAST_SHARE
+        for a in range(len(x)):
+            for i in range(dim):
+                c[i], lam[i] = x[a, i] + step * dx[a, i], z[a, i] + step * dz[a, i]
+            unscale(scaling, a, c, p, True)
+            unscale(scaling, a, lam, s, False)
+            multiply(p, s, c)
+            size = 0.0
+            for i in range(1, dim):
+                size += c[i] * c[i]
+            size = np.sqrt(size)
+            less, more = c[0] - size, c[0] + size
+            less = max(min(max(less, low), high) - less, -high)
+            more = max(min(max(more, low), high) - more, -high)
+            if less == 0.0 and more == 0.0:
+                continue
+            c[0] = 0.5 * (less + more)
+            for i in range(1, dim):
+                c[i] *= 0.5 * (more - less) / max(size, TINY)
+            unscale(scaling, a, z[a], lam, False)
+            divide(lam, c)
+            unscale(scaling, a, c, p, True)
+            for i in range(dim):
+                g[a, i] += p[i]
+
+    @njit(error_model="numpy")
     def advance(x, z, dx, dz, step):
         for a in range(len(x)):
             for i in range(dim):
                 x[a, i] += step * dx[a, i]
                 z[a, i] += step * dz[a, i]
 
-    return ConeKernels(size_t, scale, longest, to_dz, reach, correct, advance)
+    return ConeKernels(size_t, scale, longest, to_dz, reach, correct, recentre, advance)
 
 
 def centre_of(cones: ConeKernels, x, z, dx, dz, gap: float, ranks: Reductions = ALONE) -> float:

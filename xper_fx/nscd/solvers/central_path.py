@@ -32,6 +32,9 @@ _FORCING, _LEAST_GAP = 0.03, 3e-5
 _MAX_ITERATIONS, _MAX_GMRES = 40, 200
 # Steps shorter than this end the descent; x . z at which it has led somewhere.
 _SHORTEST, _USEFUL = 1e-3, 1e-3
+# Recentrings of a direction, which end where the step is longer than `_FAR`; each tries for a step
+# that is `_FARTHER` longer, and is taken if it gains `_GAIN`.
+_RECENTRINGS, _FAR, _FARTHER, _GAIN = 2, 0.95, 0.3, 0.02
 # x . z at the end, relative to the first one, for a tolerance of 1.
 _SHARE = 3e-3
 
@@ -77,7 +80,7 @@ class _Path:
         self._cones = ConePoints(dict(enumerate(groups)), dict(enumerate(laws)), interactions.dim)
         self._velocity = free.copy()
         interactions.add_velocity(self._velocity)
-        self._none, self._force, self._own, self._step = np.zeros((4, len(free)))
+        self._left, self._force, self._own, self._step = np.zeros((4, len(free)))
         closed = list(zip(groups, self._cones.of_group.values(), strict=True))
         speeds = []
         for g, points in closed:
@@ -97,7 +100,7 @@ class _Path:
         cones = self._cones
         first, count, step, iterations = cones.gap, 0, 1.0, 0
         for g, springs in self._groups():
-            g.impulse[:], springs.stiffness[:], springs.source[:] = 0.0, 0.0, 0.0
+            g.impulse[:], springs.stiffness[:] = 0.0, 0.0
         while True:
             self._linearise()
             if cones.gap <= least * first or count == _MAX_ITERATIONS or step < _SHORTEST:
@@ -108,12 +111,13 @@ class _Path:
                 break
             share = min(max(cones.gap / first, _LEAST_GAP), 1.0)
             bound = _FORCING * share * norm(self._own)
-            self._own -= self._left()
+            self._left += self._own
             self._step[:] = 0.0
             cones.predict()
             iterations = self._solve(bound)
             cones.correct()
             iterations = max(iterations, self._solve(bound))
+            self._recentre(bound)
             if not (np.isfinite(self._step).all() and cones.finite):
                 break
             step = cones.advance()
@@ -126,33 +130,44 @@ class _Path:
         return count
 
     def _linearise(self) -> None:
-        """Take impulses, K and what is missing; `_own` becomes H r."""
+        """Take impulses, K and what is missing; `_own` becomes H r, `_left` w^-1 (v_free - v)."""
+        self._problem.momentum(self._free - self._velocity, self._left)
         self._own[:] = 0.0
         for number, (g, springs) in enumerate(self._groups()):
             self._cones.linearise(number, self._velocity, springs.stiffness)
+            springs.source[:] = 0.0
             spread_kernel(g.sides)(self._own, g.couplings, g.impulse)
 
     def _groups(self):
         return zip(self._interactions.groups, self._problem.tangents.groups, strict=True)
 
-    def _left(self) -> np.ndarray:
-        """w^-1 (v - v_free)."""
-        self._problem.momentum(self._velocity - self._free, self._force)
-        return self._force
+    def _recentre(self, bound: float) -> None:
+        """Solve for other g_x as long as that leads farther; each costs little beside the first."""
+        cones = self._cones
+        for _ in range(_RECENTRINGS):
+            length = cones.room
+            if length > _FAR:
+                break
+            before, direction = self._step.copy(), cones.direction()
+            cones.recentre(min(1.0, length + _FARTHER))
+            self._solve(bound)
+            if cones.room < length + _GAIN:
+                self._step[:] = before
+                cones.turn_back(direction)
+                break
 
     def _solve(self, bound: float) -> int:
-        """dv, dx and dz for g_x, from the dv of before; iterations."""
-        self._answer(self._none)
-        problem, interactions = self._problem, self._interactions
-        problem.tangents.spread_source(interactions, self._force)
-        self._force += self._own
-        problem.hold(self._force)
-        iterations = problem.improve(self._force, self._step, bound, _MAX_GMRES)
-        self._answer(self._step)
+        """dv, dx and dz for g_x of now, from those for g_x of before; iterations."""
+        problem, force = self._problem, self._force
+        for number, (_, springs) in enumerate(self._groups()):
+            before = springs.source.copy()
+            self._cones.answer(number, self._step, springs.source)
+            np.subtract(springs.source, before, out=springs.source)
+        problem.tangents.spread_source(self._interactions, force)
+        self._left += force
+        problem.hold(self._left)
+        iterations = problem.improve(self._left, self._step, bound, _MAX_GMRES)
+        for number, (_, springs) in enumerate(self._groups()):
+            self._cones.answer(number, self._step, springs.source)
         self._cones.follow()
         return iterations
-
-    def _answer(self, change: np.ndarray) -> None:
-        """dx, and its impulses as the source g of the points, for a change of velocities."""
-        for number, (_, springs) in enumerate(self._groups()):
-            self._cones.answer(number, change, springs.source)

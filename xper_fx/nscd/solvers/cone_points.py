@@ -182,7 +182,7 @@ class ConePoints:
             )
             for (first, last), (number, at) in zip(bounds, closed.items(), strict=True)
         }
-        self._cones, self.gap = cone_kernels(dim), 0.0
+        self._cones, self.gap, self._centre = cone_kernels(dim), 0.0, 0.0
 
     def begin(self, impulse: float, speed: float) -> None:
         """Take x and z of a size: of impulses (N s) and of velocities (m/s)."""
@@ -229,10 +229,34 @@ class ConePoints:
     def correct(self) -> None:
         """Take g_x of the corrector, from the predictor's dx and dz."""
         x, z, dx, dz = self._x, self._z, self._dx, self._dz
-        centre = centre_of(self._cones, x, z, dx, dz, self.gap, self._ranks)
+        self._centre = centre_of(self._cones, x, z, dx, dz, self.gap, self._ranks)
         self._cones.correct(
-            self._scaling, x, z, dx, dz, centre, self._missing, self._g, self._unused
+            self._scaling, x, z, dx, dz, self._centre, self._missing, self._g, self._unused
         )
+
+    def recentre(self, length: float) -> None:
+        """Change g_x so that dx and dz lead farther than they do (Gondzio 1996).
+
+        x o z after a step of this length is looked at in its eigenvalues: those that are far from
+        the centre's are brought nearer to it.
+        """
+        self._cones.recentre(
+            self._scaling, self._x, self._z, self._dx, self._dz, length, self._centre, self._g
+        )
+
+    @property
+    def room(self) -> float:
+        """The longest step that the cones of all ranks allow, at most 1."""
+        longest = self._cones.longest(self._x, self._z, self._dx, self._dz)
+        return min(1.0, -self._ranks.max(-longest))
+
+    def direction(self) -> tuple[np.ndarray, np.ndarray]:
+        """dx and dz of now."""
+        return self._dx.copy(), self._dz.copy()
+
+    def turn_back(self, direction: tuple[np.ndarray, np.ndarray]) -> None:
+        """Take dx and dz of before."""
+        self._dx[:], self._dz[:] = direction
 
     def answer(self, number: int, change: np.ndarray, source: np.ndarray) -> None:
         """Take dx of a group for a change of velocities, and its impulses as the source g.

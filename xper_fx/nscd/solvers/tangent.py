@@ -900,6 +900,8 @@ class LinearisedProblem:
             dr of each group (arrays of this object, overwritten next time), and iterations.
         """
         self._source(self._left)
+        self._apply(step, self._part)
+        self._left -= self._part
         iterations = self.improve(self._left, step, bound, max_iterations)
         self.heed(iterations)
         return self.tangents.changes(self._interactions, step), iterations
@@ -913,20 +915,17 @@ class LinearisedProblem:
         """Improve a solution of (w^-1 + H K H^T) dv = f.
 
         Args:
-            left: shape (num_slots * dim,), f, zero where nothing moves; what is left on return.
+            left: shape (num_slots * dim,), f - (w^-1 + H K H^T) dv, zero where nothing moves; what
+                is left of it on return.
             step: shape (num_slots * dim,), dv.
             bound, max_iterations: as of `solve`.
 
         Returns:
             Iterations.
         """
-        part = self._part
-        self._apply(step, part)
-        left -= part
-        correction = self._room[0]
-        self._first(left, correction, part)
+        part, correction = self._part, self._room[0]
+        self._precondition(left, correction, part)
         step += correction
-        self._apply(correction, part)
         left -= part
         iterations, _ = gmres(
             self._apply, self._precondition, left, step, bound, max_iterations, self._room
