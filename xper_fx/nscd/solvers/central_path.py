@@ -29,6 +29,7 @@ from xper_fx.nscd.solvers.tangent import LinearisedProblem
 
 # What GMRES leaves, relative to |H r|, for x . z as it was at first; and the least of x . z for it.
 _FORCING, _LEAST_GAP = 0.03, 3e-5
+
 _MAX_ITERATIONS, _MAX_GMRES = 40, 200
 # Steps shorter than this end the descent; x . z at which it has led somewhere.
 _SHORTEST, _USEFUL = 1e-3, 1e-3
@@ -36,7 +37,7 @@ _SHORTEST, _USEFUL = 1e-3, 1e-3
 # that is `_FARTHER` longer, and is taken if it gains `_GAIN`.
 _RECENTRINGS, _FAR, _FARTHER, _GAIN = 2, 0.95, 0.3, 0.02
 # x . z at the end, relative to the first one, for a tolerance of 1.
-_SHARE = 3e-3
+_SHARE = 3e-2
 
 
 def follow_path(

@@ -40,6 +40,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -78,6 +79,8 @@ _RIGID = 6000
 DIRECT, MANY = {2: 40_000, 3: 12_000}, 40
 # Pivot, relative to the largest entry, at which a block counts as singular.
 _SINGULAR = 1e-13
+# Entries of blocks that stay in the cache while they are made.
+_IN_CACHE = 50_000
 
 _KERNEL = njit(fastmath={"contract"}, nogil=True, **LEAN_ENTRY)
 
@@ -325,8 +328,8 @@ def _spring_kernels(sides: Sides):
                     blocks[first + (beside + y) * n + at + x] += transposed[x]
 
     @_KERNEL
-    def add_springs(c, frame, stiffness, clusters, block_offsets, marked, blocks, world):
-        for i in range(len(stiffness)):
+    def add_springs(c, frame, stiffness, points, clusters, block_offsets, marked, blocks, world):
+        for i in points:
             hit = False
             for s in range(2):
                 for j in range(k):
@@ -467,9 +470,11 @@ def _body_product(size: int):
 
 
 @_KERNEL
-def _add_bodies(data, data_offsets, sizes, starts, clusters, block_offsets, marked, blocks, dim):
+def _add_bodies(
+    data, data_offsets, sizes, starts, bodies, clusters, block_offsets, marked, blocks, dim
+):
     """The entries of w^-1 between nodes of one marked cluster."""
-    for b in range(len(sizes)):
+    for b in bodies:
         n, node0 = sizes[b], starts[b] // dim
         count = n // dim
         for k in range(count):
@@ -488,14 +493,14 @@ def _add_bodies(data, data_offsets, sizes, starts, clusters, block_offsets, mark
 
 
 @_KERNEL
-def _invert_clusters(clusters, block_offsets, marked, blocks, fixed, dim, swaps, row):
-    for a in range(len(marked)):
+def _invert_clusters(first, last, clusters, block_offsets, marked, blocks, fixed, dim, swaps, row):
+    for a in range(first, last):
         if not marked[a]:
             continue
-        first = clusters.offsets[a]
-        n = (clusters.offsets[a + 1] - first) * dim
+        start = clusters.offsets[a]
+        n = (clusters.offsets[a + 1] - start) * dim
         for i in range(n):
-            if fixed[clusters.nodes[first + i // dim] * dim + i % dim]:
+            if fixed[clusters.nodes[start + i // dim] * dim + i % dim]:
                 for j in range(n):
                     blocks[block_offsets[a] + i * n + j] = 0.0
                     blocks[block_offsets[a] + j * n + i] = 0.0
@@ -591,8 +596,8 @@ def _cluster_sweep(dim: int):
 
 
 @_KERNEL
-def _clear(marked, block_offsets, blocks):
-    for a in range(len(marked)):
+def _clear(first, last, marked, block_offsets, blocks):
+    for a in range(first, last):
         if marked[a]:
             for i in range(block_offsets[a], block_offsets[a + 1]):
                 blocks[i] = 0.0
@@ -719,6 +724,53 @@ class PointTangents:
                 held[:] = array[g.indices, : held.shape[1], : held.shape[2]]
 
 
+class _Portion(NamedTuple):
+    """Consecutive clusters whose blocks stay in the cache while they are made.
+
+    Attributes:
+        first, last: the clusters.
+        bodies: which have nodes in them.
+        points: of each group, which act on them.
+    """
+
+    first: int
+    last: int
+    bodies: np.ndarray
+    points: list[np.ndarray]
+
+
+def _portions(
+    interactions: Interactions, cluster: np.ndarray, block_offsets: np.ndarray
+) -> list[_Portion]:
+    """The clusters, in portions of some `_IN_CACHE` entries of their blocks.
+
+    Args:
+        interactions: the points.
+        cluster: shape (num_slots,), cluster of each node.
+        block_offsets: shape (num_clusters + 1,), first entry of each cluster's block.
+    """
+    portion = np.unique(block_offsets[:-1] // _IN_CACHE, return_inverse=True)[1]
+    ends = np.concatenate([[0], np.cumsum(np.bincount(portion))]).tolist()
+    num_portions, of_node = len(ends) - 1, portion[cluster]
+
+    def by_portion(which: np.ndarray, portions: np.ndarray) -> list[np.ndarray]:
+        pairs = np.unique(portions * (which.max(initial=0) + 1) + which)
+        owner, which = np.divmod(pairs, which.max(initial=0) + 1)
+        return np.split(which, np.searchsorted(owner, np.arange(1, num_portions)))
+
+    nodes = np.diff(interactions.inverse.node_offsets)
+    bodies = by_portion(np.repeat(np.arange(len(nodes)), nodes), of_node)
+    points = []
+    for g in interactions.groups:
+        touched = of_node[g.points.nodes.reshape(len(g), -1)]
+        numbers = np.repeat(np.arange(len(g)), touched.shape[1])
+        points.append(by_portion(numbers, touched.reshape(-1)))
+    return [
+        _Portion(first, last, bodies[a], [those[a] for those in points])
+        for a, (first, last) in enumerate(pairwise(ends))
+    ]
+
+
 class LinearisedProblem:
     """The linearised problem of a scene; what does not depend on the state is kept.
 
@@ -750,6 +802,7 @@ class LinearisedProblem:
             [[0], np.cumsum((np.diff(self._clusters.offsets) * dim) ** 2)]
         )
         self._blocks = np.empty(self._block_offsets[-1])
+        self._portions = _portions(interactions, self._clusters.cluster, self._block_offsets)
         self._swaps = np.empty(np.diff(self._clusters.offsets).max() * dim, np.uintp)
         self._beside = np.empty((2, len(self._swaps)))
         self._couplings = _Couplings.of(self._clusters, self._sizes, dim)
@@ -847,19 +900,27 @@ class LinearisedProblem:
         interactions, clusters, dim = self._interactions, self._clusters, self._interactions.dim
         groups = list(zip(interactions.groups, self.tangents.groups, strict=True))
         blocks, offsets = self._blocks, self._block_offsets
-        _clear(marked, offsets, blocks)
-        _add_bodies(
-            self._matrix, interactions.inverse.data_offsets, self._sizes, self._starts,
-            clusters, offsets, marked, blocks, dim,
-        )  # fmt: skip
-        for g, own in groups:
-            self._springs(g)[3](
-                g.couplings, own.frame, own.stiffness, clusters, offsets, marked, blocks,
-                np.empty((dim, dim)),
+        here, world = np.zeros_like(marked), np.empty((dim, dim))
+        self.solvable = True
+        for first, last, bodies, points in self._portions:
+            if not marked[first:last].any():
+                continue
+            here[first:last] = marked[first:last]
+            _clear(first, last, here, offsets, blocks)
+            _add_bodies(
+                self._matrix, interactions.inverse.data_offsets, self._sizes, self._starts, bodies,
+                clusters, offsets, here, blocks, dim,
             )  # fmt: skip
-        self.solvable = _invert_clusters(
-            clusters, offsets, marked, blocks, self._fixed, dim, self._swaps, self._beside[0]
-        )
+            for (g, own), those in zip(groups, points, strict=True):
+                self._springs(g)[3](
+                    g.couplings, own.frame, own.stiffness, those, clusters, offsets, here, blocks,
+                    world,
+                )  # fmt: skip
+            self.solvable = self.solvable and _invert_clusters(
+                first, last, clusters, offsets, here, blocks, self._fixed, dim, self._swaps,
+                self._beside[0],
+            )  # fmt: skip
+            here[first:last] = False
         self._fresh = not self.solvable
 
     def _factor(self) -> None:
