@@ -118,7 +118,7 @@ class _Path:
         cones.predict()
         self._correction()
         cones.correct()
-        correction = self._correction()
+        correction = cones.recentred(self._correction, self._correction())
         if not (step.ranks.all(np.isfinite(correction.velocity).all()) and cones.finite):
             return 0.0
         length = cones.advance()

@@ -18,6 +18,8 @@ would do for the first iterations, and only the last are worth its time.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from xper_fx.nscd.algebra.krylov import norm
@@ -29,13 +31,9 @@ from xper_fx.nscd.solvers.tangent import LinearisedProblem
 
 # What GMRES leaves, relative to |H r|, for x . z as it was at first; and the least of x . z for it.
 _FORCING, _LEAST_GAP = 0.03, 3e-5
-
 _MAX_ITERATIONS, _MAX_GMRES = 40, 200
 # Steps shorter than this end the descent; x . z at which it has led somewhere.
 _SHORTEST, _USEFUL = 1e-3, 1e-3
-# Recentrings of a direction, which end where the step is longer than `_FAR`; each tries for a step
-# that is `_FARTHER` longer, and is taken if it gains `_GAIN`.
-_RECENTRINGS, _FAR, _FARTHER, _GAIN = 2, 0.95, 0.3, 0.02
 # x . z at the end, relative to the first one, for a tolerance of 1.
 _SHARE = 3e-2
 
@@ -118,7 +116,7 @@ class _Path:
             iterations = self._solve(bound)
             cones.correct()
             iterations = max(iterations, self._solve(bound))
-            self._recentre(bound)
+            self._step[:] = cones.recentred(partial(self._again, bound), self._step.copy())
             if not (np.isfinite(self._step).all() and cones.finite):
                 break
             step = cones.advance()
@@ -142,21 +140,6 @@ class _Path:
     def _groups(self):
         return zip(self._interactions.groups, self._problem.tangents.groups, strict=True)
 
-    def _recentre(self, bound: float) -> None:
-        """Solve for other g_x as long as that leads farther; each costs little beside the first."""
-        cones = self._cones
-        for _ in range(_RECENTRINGS):
-            length = cones.room
-            if length > _FAR:
-                break
-            before, direction = self._step.copy(), cones.direction()
-            cones.recentre(min(1.0, length + _FARTHER))
-            self._solve(bound)
-            if cones.room < length + _GAIN:
-                self._step[:] = before
-                cones.turn_back(direction)
-                break
-
     def _solve(self, bound: float) -> int:
         """dv, dx and dz for g_x of now, from those for g_x of before; iterations."""
         problem, force = self._problem, self._force
@@ -172,3 +155,7 @@ class _Path:
             self._cones.answer(number, self._step, springs.source)
         self._cones.follow()
         return iterations
+
+    def _again(self, bound: float) -> np.ndarray:
+        self._solve(bound)
+        return self._step.copy()

@@ -16,10 +16,10 @@ m being what is missing in the first of them, and g_x the predictor's or the cor
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -37,6 +37,12 @@ from xper_fx.nscd.halo_protocol import Reductions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import CoulombPoints
 from xper_fx.nscd.point_group import PointGroup
+
+# A direction is changed so often at most, and no more once the step is longer than `_FAR`; each
+# change tries for a step that is `_FARTHER` longer, and is taken if it gains `_GAIN`.
+_RECENTRINGS, _FAR, _FARTHER, _GAIN = 2, 0.95, 0.3, 0.02
+
+_Found = TypeVar("_Found")
 
 
 @cache
@@ -234,29 +240,41 @@ class ConePoints:
             self._scaling, x, z, dx, dz, self._centre, self._missing, self._g, self._unused
         )
 
-    def recentre(self, length: float) -> None:
-        """Change g_x so that dx and dz lead farther than they do (Gondzio 1996).
+    def recentred(self, solve: Callable[[], _Found], found: _Found) -> _Found:
+        """Change g_x as long as dx and dz then lead farther (Gondzio 1996).
 
-        x o z after a step of this length is looked at in its eigenvalues: those that are far from
-        the centre's are brought nearer to it.
+        x o z after a step that is longer than the cones allow is looked at in its eigenvalues:
+        those far from the centre's are brought nearer to it. Another right-hand side costs little
+        beside another matrix.
+
+        Args:
+            solve: takes dx and dz for the g_x of now, and returns the change that they go with.
+            found: the change for the g_x of before.
+
+        Returns:
+            The change that dx and dz go with in the end.
         """
-        self._cones.recentre(
-            self._scaling, self._x, self._z, self._dx, self._dz, length, self._centre, self._g
-        )
+        for _ in range(_RECENTRINGS):
+            length = self._room
+            if length > _FAR:
+                break
+            before = self._dx.copy(), self._dz.copy()
+            self._cones.recentre(
+                self._scaling, self._x, self._z, self._dx, self._dz,
+                min(1.0, length + _FARTHER), self._centre, self._g,
+            )  # fmt: skip
+            other = solve()
+            if self._room < length + _GAIN:
+                self._dx[:], self._dz[:] = before
+                break
+            found = other
+        return found
 
     @property
-    def room(self) -> float:
+    def _room(self) -> float:
         """The longest step that the cones of all ranks allow, at most 1."""
         longest = self._cones.longest(self._x, self._z, self._dx, self._dz)
         return min(1.0, -self._ranks.max(-longest))
-
-    def direction(self) -> tuple[np.ndarray, np.ndarray]:
-        """dx and dz of now."""
-        return self._dx.copy(), self._dz.copy()
-
-    def turn_back(self, direction: tuple[np.ndarray, np.ndarray]) -> None:
-        """Take dx and dz of before."""
-        self._dx[:], self._dz[:] = direction
 
     def answer(self, number: int, change: np.ndarray, source: np.ndarray) -> None:
         """Take dx of a group for a change of velocities, and its impulses as the source g.
