@@ -361,8 +361,7 @@ class SteppedPoints(PointValues):
         for g in self.groups:
             push_kernel(g.sides, g.blocks)(velocity, g.couplings, g.impulse)
         if self.halo is not None:
-            self.halo.everywhere.add_back(velocity)
-            self.halo.everywhere.forward(velocity)
+            self.halo.add_up(velocity)
 
     def impulses(self) -> np.ndarray:
         """H r: impulses of the current step on the interacting nodes, shape (num_slots, dim)."""
