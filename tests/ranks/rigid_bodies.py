@@ -223,9 +223,7 @@ def pressed(**options) -> Simulation:
         rigid=packed(7), lattice=(7 * 0.21, 7 * 0.21), macroscopic=drive,
         contacts=[Contact(("grains", "grains"), law)],
     )  # fmt: skip
-    return Simulation(
-        scene, 2e-3, tolerance=1e-12, num_threads=1, **({"solver": "nlgs"} | options)
-    )
+    return Simulation(scene, 2e-3, tolerance=1e-12, num_threads=1, **({"solver": "nlgs"} | options))
 
 
 def hard_pressed() -> Simulation:
