@@ -387,11 +387,7 @@ class Detection:
 
     def saved(self) -> dict:
         """Lists' origins, broken lips and those that have retired."""
-        out = {}
-        if self._rigid is not None:
-            out["rigid"] = self._rigid.saved()
-            if self._rigid_share is not None:
-                out["rigid"] = self._rigid_share.from_home(out["rigid"])
+        out = self._saved_rigid()
         if self._division is not None:
             out["division"] = self._division.saved()
         if self._surfaces is not None:
@@ -403,12 +399,22 @@ class Detection:
             out["shared"] = self._shared.saved()
         return out
 
+    def _saved_rigid(self) -> dict:
+        """Of the search for contacts between rigid bodies."""
+        if self._rigid is None:
+            return {}
+        saved = self._rigid.saved()
+        return {"rigid": saved if self._rigid_share is None else self._rigid_share.from_home(saved)}
+
+    def _restore_rigid(self, saved: Mapping) -> None:
+        if self._rigid is not None:
+            self._rigid.restore(saved.get("rigid", {}))
+
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave, its rows in order."""
         if self._division is not None and "division" in saved:
             self._division.restore(saved["division"])
-        if self._rigid is not None:
-            self._rigid.restore(saved.get("rigid", {}))
+        self._restore_rigid(saved)
         if self._surfaces is not None and "surfaces" in saved:
             self._lips.restore(saved)
             self._surfaces.lists.restore(saved["surfaces"])

@@ -129,7 +129,6 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
         name
         for name, there in (
             ("rigid bodies alone", scene.bodies is None),
-            ("rigid bodies and a mesh that is spread", spread and scene.rigid_bodies is not None),
             # vertices are not solved alone then, and bonds would be points that turn from the start
             (
                 "joints or rolling resistance beside initially rigid bonds of an explicit bulk at "

@@ -318,7 +318,9 @@ class Model:
         if scene.bodies is not None and scene.bodies.spread is not None:
             from xper_fx.simulation.spread_detection import SpreadDetection
 
-            return SpreadDetection(scene, self.points, V, self.part, self.ranks, static)
+            return SpreadDetection(
+                scene, self.points, V, self.part, self.ranks, self.rigid_share, static
+            )
         from xper_fx.simulation.contact_detection import Detection
 
         detection = Detection(scene, laws, V, self.part, self.ranks, self.rigid_share, static)
