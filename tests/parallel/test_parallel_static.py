@@ -26,7 +26,7 @@ SCENES = {
     2: ("drawn", "wedged", "turned", "rigid", "touching", "nearing", "held", "leaning",
         "pushed", "indented", "swept", "sprung", "inert", "tied", "peeled", "unrolled",
         "inert_cell", "cell", "turned_cell",
-        "spread_drawn", "spread_touching", "factored_drawn", "factored_turned_cell", "groups",
+        "spread_drawn", "spread_touching", "spread_indented", "factored_drawn", "factored_turned_cell", "groups",
         "messages", "stopped", "spread_stopped"),
     3: ("stopped", "spread_stopped"),
     4: ("drawn", "wedged", "turned", "touching", "sprung", "peeled", "unrolled", "turned_cell",
