@@ -267,9 +267,8 @@ class SpreadSearch:
         ranks, low, high = self._ranks, *self._boxes(x)
         bodies = np.flatnonzero((low <= high).all(axis=1))
         count, of_rigid = len(bodies), self._boxes_of_rigid()
-        low, high = (
-            np.concatenate([all_[bodies], of]) for all_, of in zip((low, high), of_rigid, strict=True)
-        )
+        both = zip((low, high), of_rigid, strict=True)
+        low, high = (np.concatenate([meshed[bodies], rigid]) for meshed, rigid in both)
         box = low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf)
         of_ranks = np.array(ranks.comm.allgather(box))
         told, looked = [], []
