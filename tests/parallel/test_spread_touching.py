@@ -24,12 +24,10 @@ pytestmark = pytest.mark.ranks
 # discs that meet, an anvil and a floor, spheres and a box in space.
 SCENES = {
     2: ("split_cells", "heap", "breaking", "rammed", "split_struck", "pelted"),
-    3: (
-        "turning_cells", "breaking", "boxes", "slide", "held", "refused", "struck", "pelted",
-        "turning_split_struck",
-    ),
+    3: ("turning_cells", "breaking", "boxes", "slide", "held", "refused", "struck", "pelted",
+        "turning_split_struck"),
     4: ("one_end",),
-}
+}  # fmt: skip
 runs = [(n, name) for n in SCENES for name in SCENES[n] if name in spread_touching.SCENES]
 
 
