@@ -387,7 +387,11 @@ class Detection:
 
     def saved(self) -> dict:
         """Lists' origins, broken lips and those that have retired."""
-        out = self._saved_rigid()
+        out = {}
+        if self._rigid is not None:
+            out["rigid"] = self._rigid.saved()
+            if self._rigid_share is not None:
+                out["rigid"] = self._rigid_share.from_home(out["rigid"])
         if self._division is not None:
             out["division"] = self._division.saved()
         if self._surfaces is not None:
@@ -399,22 +403,12 @@ class Detection:
             out["shared"] = self._shared.saved()
         return out
 
-    def _saved_rigid(self) -> dict:
-        """Of the search for contacts between rigid bodies."""
-        if self._rigid is None:
-            return {}
-        saved = self._rigid.saved()
-        return {"rigid": saved if self._rigid_share is None else self._rigid_share.from_home(saved)}
-
-    def _restore_rigid(self, saved: Mapping) -> None:
-        if self._rigid is not None:
-            self._rigid.restore(saved.get("rigid", {}))
-
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave, its rows in order."""
         if self._division is not None and "division" in saved:
             self._division.restore(saved["division"])
-        self._restore_rigid(saved)
+        if self._rigid is not None:
+            self._rigid.restore(saved.get("rigid", {}))
         if self._surfaces is not None and "surfaces" in saved:
             self._lips.restore(saved)
             self._surfaces.lists.restore(saved["surfaces"])

@@ -117,10 +117,9 @@ class SpreadDetection(Detection):
 
     def saved(self) -> dict:
         """Broken lips and those that have retired; lists are made anew."""
-        return {**self._saved_rigid(), **self._lips.saved(), "shared": self._shared.saved()}
+        return {**self._lips.saved(), "shared": self._shared.saved()}
 
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave, its rows in order."""
-        self._restore_rigid(saved)
         self._lips.restore(saved)
         self._shared.restore(saved["shared"])
