@@ -21,9 +21,9 @@ pytestmark = pytest.mark.ranks
 # Vertices that split, at either strain, bonds that break and lips that part, hexahedra and edges
 # that cross, order 2 on a wall, friction that weakens where nodes slide from body to body of one
 # fragment, and ranks without a surface. Beside rigid bodies: joints, clusters of cells that split,
-# discs that meet, an anvil and a floor, spheres and a box in space.
+# discs that meet, an anvil and a floor, solids in space, a disc that flies to another rank's block.
 SCENES = {
-    2: ("split_cells", "heap", "breaking", "rammed", "split_struck", "pelted"),
+    2: ("split_cells", "heap", "breaking", "rammed", "split_struck", "pelted", "thrown"),
     3: ("turning_cells", "breaking", "boxes", "slide", "held", "refused", "struck", "pelted",
         "turning_split_struck"),
     4: ("one_end",),
@@ -42,7 +42,7 @@ def found(tmp_path_factory):
 def test_ranks_agree(found, name, count):
     one, many = found(name, 1), found(name, count)
     assert set(one) == set(many)
-    assert one["pushed"].max() >= {"one_end": 0, "rammed": 4}.get(name, 10)
+    assert one["pushed"].max() >= {"one_end": 0, "rammed": 4, "thrown": 2}.get(name, 10)
     np.testing.assert_array_equal(many["pushed"], one["pushed"])
     energy = max(np.abs(one[key]).max() for key in ("kinetic", "external_work"))
     for key in one:

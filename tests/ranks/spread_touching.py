@@ -12,6 +12,7 @@ from scenes import box_bodies
 from spread_scenes import bytes_held
 
 from xper_fx.nscd.laws import CohesiveZone, RigidCohesiveZone
+from xper_fx.nscd.rigid import Disc, RigidBody
 from xper_fx.output.contact_forces import find_contact_forces
 from xper_fx.output.joint_forces import find_joint_forces
 from xper_fx.output.recorder import Recorder
@@ -76,7 +77,21 @@ def turning_split_struck():
     return touching_bodies.at_finite_strain(scene), options, steps
 
 
-OWN = (split_cells, turning_cells, breaking, one_end, split_struck, turning_split_struck)
+def thrown():
+    """A disc leaves the block beside it and flies into another one, far from the first."""
+    scene = Scene(
+        touching_bodies.apart((2, 1), (8, 4), gap=0.5), {1: touching_bodies.ELASTIC},
+        interactions={(1, 1): None}, surfaces={"blocks": (1,)},
+        rigid=[
+            RigidBody(Disc(0.1), (0.67, 0.52), "ball", density=5.0, velocity=(6.0, 0.3), spin=5.0)
+        ],
+        contacts=[Contact((a, b), touching_bodies.RUB) for a, b in (("blocks", "blocks"),
+                                                                   ("blocks", "ball"))],
+    )  # fmt: skip
+    return scene, {"step": 2e-3, "tolerance": 1e-10, "scheme": "implicit"}, 40
+
+
+OWN = (thrown, split_cells, turning_cells, breaking, one_end, split_struck, turning_split_struck)
 SCENES = {f.__name__: f for f in OWN}
 SCENES |= {
     name: touching_bodies.SCENES[name]
