@@ -18,6 +18,21 @@ def set_row(a, i, x):
 
 
 @njit(inline="always")
+def part(a, i, first):
+    return a[i, first], a[i, first + 1]
+
+
+@njit(inline="always")
+def tangent_part(a, i, first):
+    return (a[i, first],)
+
+
+@njit(inline="always")
+def with_normal(x, normal):
+    return normal, x[1]
+
+
+@njit(inline="always")
 def dot(x, y):
     return x[0] * y[0] + x[1] * y[1]
 
@@ -55,6 +70,11 @@ def multiply_diagonal(normal, tangential, x):
 @njit(inline="always")
 def sym_row(a, i):
     return a[i, 0], a[i, 1], a[i, 2]
+
+
+@njit(inline="always")
+def sym_part(a, i, first):
+    return a[i, first], a[i, first + 1], a[i, first + 2]
 
 
 @njit(inline="always")

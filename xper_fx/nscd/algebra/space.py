@@ -20,6 +20,21 @@ def set_row(a, i, x):
 
 
 @njit(inline="always")
+def part(a, i, first):
+    return a[i, first], a[i, first + 1], a[i, first + 2]
+
+
+@njit(inline="always")
+def tangent_part(a, i, first):
+    return a[i, first], a[i, first + 1]
+
+
+@njit(inline="always")
+def with_normal(x, normal):
+    return normal, x[1], x[2]
+
+
+@njit(inline="always")
 def dot(x, y):
     return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
 
@@ -61,6 +76,11 @@ def multiply_diagonal(normal, tangential, x):
 @njit(inline="always")
 def sym_row(a, i):
     return a[i, 0], a[i, 1], a[i, 2], a[i, 3], a[i, 4], a[i, 5]
+
+
+@njit(inline="always")
+def sym_part(a, i, f):
+    return a[i, f], a[i, f + 1], a[i, f + 2], a[i, f + 3], a[i, f + 4], a[i, f + 5]
 
 
 @njit(inline="always")

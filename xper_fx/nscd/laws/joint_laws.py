@@ -138,10 +138,8 @@ def _kernels(name, prepare, solve, commit, num_terms, states, energies) -> LawKe
         components=1,
         prepare=prepare,
         solve=solve,
-        evolve=None,
         commit=commit,
         num_terms=num_terms,
-        num_details=0,
         state_names=states,
         energies=energies,
     )

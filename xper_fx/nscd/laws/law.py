@@ -89,9 +89,9 @@ ALL_ENERGIES = (*ENERGIES, "viscous")  # of a law that has viscous work besides
 
 LawKernels = namedtuple(
     "LawKernels",
-    "name effects components prepare solve evolve commit num_terms num_details state_names "
-    "energies growth spent stored no_jump rigid coulomb rolling cost slips",
-    defaults=(None, None, None, False, None, None, None, None, False),
+    "name effects components prepare solve commit num_terms energies evolve num_details "
+    "state_names growth spent stored no_jump rigid coulomb rolling cost slips",
+    defaults=(None, 0, (), None, None, None, False, None, None, None, None, False),
 )
 
 

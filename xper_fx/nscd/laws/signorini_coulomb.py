@@ -227,7 +227,7 @@ def contact_kernels(
     components = dim if friction else 1
     algebra = for_dimension(dim, components)
     sym_row, sym_vector = algebra.sym_row, algebra.sym_vector
-    subtract = algebra.subtract
+    subtract, tangent_part = algebra.subtract, algebra.tangent_part
     local = contact_solver(components, friction)
     impact = contact == "velocity"
     if impact:
@@ -263,10 +263,7 @@ def contact_kernels(
         wi = sym_row(w, i)
         b = subtract(u, sym_vector(wi, r))
         if friction:
-            if dim == 2:
-                shift = (terms[i, _SHIFT],)
-            else:
-                shift = (terms[i, _SHIFT], terms[i, _SHIFT + 1])
+            shift = tangent_part(terms, i, _SHIFT)
             r_new, _ = local(b, wi, terms[i, _V_MIN], shift, terms[i, _MU], terms[i, _BOUND])
         else:
             r_new, _ = local(b, wi, terms[i, _V_MIN], (0.0,), 0.0, 0.0)
@@ -312,10 +309,8 @@ def contact_kernels(
         components=components,
         prepare=prepare,
         solve=solve,
-        evolve=None,
         commit=commit,
         num_terms=_SHIFT + dim - 1 if friction else 1,
-        num_details=0,
         state_names=("pushed",) if impact else (),
         energies=("impact", "friction") if friction else ("impact",),
         coulomb=None if rolls else coulomb,
