@@ -127,7 +127,6 @@ class Bodies:
         material_of_cell: the same as an array, shape (num_cells,), int32.
         facet_tags: tags on the exploded facets. An exterior parent facet, or one inside a body,
             hands its tag to its copy; one between two bodies to both its copies.
-        facets: the facing facets.
         lattice: period vectors as rows, shape (dim, dim), m; None if the mesh is no periodic cell.
         ties: facets across which one body goes on over the cell's boundary; empty without a
             lattice.

@@ -406,7 +406,6 @@ def check_mesh(mesh: Mesh, geometry: bool = True, spread: bool = False) -> None:
     """Raise unless a mesh can be cut into bodies.
 
     Args:
-        mesh: the mesh.
         geometry: whether to look at each cell's volume.
         spread: whether it may be spread over ranks; all of them call this together then.
 

@@ -11,8 +11,6 @@ class PresentTags(NamedTuple):
     """The tags that occur.
 
     Attributes:
-        cells: of cells.
-        facets: of facets.
         facing: of facing facets: the cell tags of both sides, the lower one first, and the facet's
             tag, 0 if it has none.
     """

@@ -122,7 +122,6 @@ def send(ranks: Ranks, to: npt.NDArray[np.integer], *arrays: np.ndarray) -> list
     """Send rows of arrays to ranks, which call it together.
 
     Args:
-        ranks: the ranks.
         to: shape (n,), where each row goes.
         arrays: of n rows each.
 
@@ -157,7 +156,6 @@ def _needed(
     """Cells of this rank and the ranks that need them: those with bodies at one of its vertices.
 
     Args:
-        ranks: the ranks.
         nodes: shape (num_cells, k), vertices of the cells.
         rank: shape (num_cells,), rank of each cell's body.
     """

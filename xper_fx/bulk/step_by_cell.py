@@ -133,7 +133,6 @@ class StepByCell:
     """Ends steps of linear simplices.
 
     Args:
-        forces: of the cells.
         mass: shape (num_dofs,), kg (2D: kg/m).
         w: one over it, zero where motions are given.
     """

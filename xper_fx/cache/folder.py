@@ -48,7 +48,6 @@ class KeptFile(NamedTuple):
         title: of the kernel.
         size: bytes.
         used: when it was last used, to an hour (s since the epoch).
-        path: of the file.
     """
 
     title: str
@@ -108,7 +107,6 @@ class CacheFolder:
         Args:
             key: hexadecimal digits.
             title: what it is, for people.
-            payload: the bytes.
         """
         name = title.encode()
         body = name + payload

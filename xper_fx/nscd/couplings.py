@@ -28,7 +28,6 @@ class Sides(NamedTuple):
     """What kernels over the points of a group are compiled for.
 
     Attributes:
-        dim: dimension of space.
         components: of local vectors.
         k: nodes on a side.
         lever_arms: whether there are sides on rigid bodies.

@@ -19,7 +19,6 @@ class BodyInverse:
     """Blocks of w over the interacting nodes, in body order, and a zero block for the ground.
 
     Attributes:
-        dim: dimension of space.
         node_offsets: shape (num_blocks + 1,), first node of each block; the last block is the
             ground's, whose first node is the ground.
         data: all blocks by rows, flat (m/s per N s).
@@ -60,7 +59,6 @@ class BodyInverse:
         Args:
             diagonal: entries, block after block.
             sizes: shape (num_blocks,), nodes of each block.
-            dim: dimension of space.
         """
         if len(sizes) and np.all(sizes == sizes[0]):
             n = int(sizes[0]) * dim

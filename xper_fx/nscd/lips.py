@@ -150,7 +150,6 @@ def facet_derivatives(dim: int, k: int, shapes: np.ndarray) -> np.ndarray:
     """Derivatives of a facet's k shape functions at its points, (num_points, k, dim - 1).
 
     Args:
-        dim: dimension of space.
         k: nodes of a facet, vertices first.
         shapes: shape (num_points, k), shape functions at the points, which tell where they are.
     """

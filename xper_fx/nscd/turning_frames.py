@@ -293,7 +293,6 @@ def site_loop(dim: int, width: int):
     """The loop over a range of sites that finds how they stand in the step.
 
     Args:
-        dim: dimension of space.
         width: nodes of a facet.
     """
     find = _find_site(dim, width)

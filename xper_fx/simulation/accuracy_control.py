@@ -132,13 +132,10 @@ class AccuracyControl:
         largest: no step is longer (s).
         softening_step: step (s) above which weakening bonds may snap; infinite without such.
         interacting: whether the scene has interactions.
-        estimate: of the errors.
-        histories: of the loads.
 
     Attributes:
         adapts_step: whether it picks the step.
         tolerance: of the impulses.
-        estimate: of the errors.
         awaited: step (s) that an explicit bulk gives its place to an implicit one for; infinite
             for others.
     """
@@ -275,7 +272,6 @@ class AccuracyControl:
             time: at the start of the step (s).
             size: h (s).
             energies: of the bulk at the end of the step.
-            outcome: of the step.
             end_time: of the run (s), over which the error is spread.
         """
         learnt, estimate = self._learnt, self.estimate

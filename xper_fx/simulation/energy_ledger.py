@@ -110,7 +110,6 @@ class EnergyLedger:
     which theta = 1 knows, would leave half of the elastic energy to the scheme.
 
     Args:
-        bulk: the bulk.
         state: state at the start.
         theta: weight of the end of the step.
         rigid: motion of the rigid bodies, None without any.
@@ -189,7 +188,6 @@ class EnergyLedger:
 
         Args:
             before: state at the start of the step.
-            outcome: the step.
             step: h (s).
             rigid: energies of the rigid bodies, None without any.
             borne: loads and reactions at the start of the step that were in balance there, shape
@@ -290,7 +288,6 @@ class EnergyLedger:
         """Enter a step that has converged.
 
         Args:
-            outcome: the step.
             step: h (s).
             bulk: what `bulk_energies` gave for it.
             work: what the interactions did, None without interactions.

@@ -243,10 +243,8 @@ class ErrorEstimate:
 
         Args:
             size: h (s).
-            energies: of the bulk.
             work: of the interactions, None without.
             closure: what the energy ledger now misses (J; 2D: J/m).
-            outcome: of the step.
         """
         parts = self._parts
         held = energies.kinetic + energies.elastic

@@ -123,7 +123,6 @@ class JointedBodies:
         """Give the interaction layer the rows in the middle of a step.
 
         Args:
-            interactions: the layer.
             prediction: of the rigid bodies.
             step: h (s).
             theta: weight of the end of the step.

@@ -66,7 +66,6 @@ class Model:
     """What a scene and the options of a run call for.
 
     Args:
-        scene: the scene.
         options: of which it can be run.
         team: ranks that have the scene; they divide its bodies or contacts where they can.
         stopwatch: of the run.

@@ -31,7 +31,6 @@ def for_dimension(dim: int, components: int | None = None) -> SmallAlgebra:
     """The small-vector functions for dimension 2 or 3.
 
     Args:
-        dim: dimension of space.
         components: of a local vector: `dim`, which is meant if not given, or 1, the normal's.
 
     Returns:

@@ -252,7 +252,6 @@ def sweep(
 
     Args:
         problem: the stored problem.
-        local: local solver.
         r: shape (n, dim), first guess; the impulses found on return.
         tolerance: bound on `error.natural_error`.
         max_sweeps: sweeps after which a component is left.

@@ -43,7 +43,6 @@ def mean_kernels(
     """The kernels of a bond.
 
     Args:
-        dim: dimension of space.
         friction: of the lips.
         lagged: whether damage is frozen during a step.
         viscous: whether it lags behind its curve (`viscous_damage.py`).

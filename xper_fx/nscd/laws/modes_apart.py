@@ -149,7 +149,6 @@ def modes_apart(
     """A curve whose shape hangs on the direction of the jump.
 
     Args:
-        curve: the curve.
         num_constants: that it has.
         criterion: of the energies of mixtures.
         friction: whether lips rub.

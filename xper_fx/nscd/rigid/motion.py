@@ -108,7 +108,6 @@ class RigidMotion:
     wanted and with any size, then `commit`.
 
     Args:
-        bodies: the bodies.
         gravity: acceleration, shape (dim,), m/s^2; constant or of time; None is none.
 
     Attributes:

@@ -135,7 +135,6 @@ def body_outlines(bodies: RigidBodies, segments: int = 24) -> Outline:
     """Triangles of all bodies in their own axes.
 
     Args:
-        bodies: the bodies.
         segments: sides of the polygon that stands for a circle, at least 3. A sphere has about
             `segments`^2 triangles.
 
@@ -188,7 +187,6 @@ def piece_faces(bodies: RigidBodies, outline: Outline) -> tuple[list[np.ndarray]
     spheres, and of walls their surface alone.
 
     Args:
-        bodies: the bodies.
         outline: of these bodies.
 
     Returns:

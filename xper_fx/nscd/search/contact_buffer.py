@@ -60,7 +60,6 @@ def collect(jobs: Sequence[tuple], dim: int, expected: int) -> Contacts:
     Args:
         jobs: a kernel and its arguments each; called with `Found` and these, it returns how many
             contacts there are.
-        dim: dimension of space.
         expected: room at first, in contacts.
     """
     while True:

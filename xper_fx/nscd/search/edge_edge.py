@@ -129,7 +129,6 @@ def crossings(
         pairs: numbers among the edges, shape (p, 2).
         edges, others: of `surface_edges`.
         bends: of `edge_bends`.
-        faces: `Faces`.
         reach: largest gap (m).
     """
     room = len(pairs)

@@ -476,9 +476,7 @@ def point_facet(
     """Find the contacts of points with the facets listed for each.
 
     Args:
-        points: the points.
         pairs: the facets that each may touch.
-        faces: `Faces`.
         reach: largest gap (m).
         hollows: whether both sides of mild hollows hold a point.
         out: `Touching`, where contacts go, as many as there is room for.

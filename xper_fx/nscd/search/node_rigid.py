@@ -110,10 +110,8 @@ def nodes_on_rigid(
 
     Args:
         pairs: nodes and bodies that may touch, shape (p, 2).
-        faces: `Faces`.
         position: of the rigid bodies, shape (n, dim), m.
         turn: from their axes to those of space, shape (n, dim, dim).
-        shapes: `ShapeTables`.
         reach: largest gap (m).
     """
     room, dim = len(pairs), position.shape[1]

@@ -434,11 +434,8 @@ def polyhedron_polyhedron(
     """Contacts of convex polyhedra, four at most of a pair.
 
     Args:
-        found: `Found`.
         pairs: shape (num_pairs, 2), candidate and antagonist.
         position: shape (num_bodies, 3), centres (m).
-        corners: `Corners`.
-        tables: `ShapeTables`.
         bounding_radius: shape (num_bodies,), m.
         reach: largest gap of a contact (m).
 

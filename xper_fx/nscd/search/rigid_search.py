@@ -113,7 +113,6 @@ class RigidSearch:
         num_candidates: pairs in the list, walls' pairs left out.
 
     Args:
-        bodies: the bodies.
         pairs: names of groups that may touch, (a, b) or (a, a). Bodies all of whose degrees of
             freedom are prescribed do not touch each other.
         reach: largest gap of a contact (m), positive.
