@@ -24,15 +24,13 @@ class Anchors:
         load: R^T f of the forces that act on the bulk, shape (n,), N s.
         on_springs: velocities that the load gives the anchors, part of the free velocity, shape
             (n,), m/s.
-
-    Attributes:
-        velocity: a, what a solver that knows of anchors gives them, shape (n,), m/s.
     """
 
     held: BodyInverse
     motions: sp.csc_array
     load: np.ndarray
     on_springs: np.ndarray
+    # a, what a solver that knows of anchors gives them, shape (n,), m/s
     velocity: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:

@@ -57,37 +57,24 @@ ANY_BLOCKS = Blocks()
 
 
 class Couplings(NamedTuple):
-    """Where a point reads and writes, as the sweep kernels want it.
+    """Where a point reads and writes, as the sweep kernels want it."""
 
-    Attributes:
-        start: shape (num_points, 2, k), first dof of each node.
-        weights: shape (num_points, 2, k).
-        body: shape (num_points, 2), first dof of each side's block.
-        size: shape (num_points, 2), dofs in each side's block.
-        rows: shape (num_points, 2, k), entry of `w` where the node's first row starts.
-        frame: shape (num_points, 1, dim), the normal, or (num_points, 3, 3).
-        w: flat blocks of the inverse.
-        rotation_dof: shape (num_points, 2), first dof of a rigid side's rotation, else `start` of
-            its first node; None without lever arms.
-        lever_arms: shape (num_points, 2, dim) (m), zero where a side is not rigid; None without
-        lever arms.
-        branches: shape (num_points, dim) (m), None without a periodic cell that deforms.
-        cell: first dof of dFbar/dt, column after column.
-        cell_w: w of these dofs, shape (dim^2,); they have no others.
-    """
-
-    start: np.ndarray
-    weights: np.ndarray
-    body: np.ndarray
-    size: np.ndarray
-    rows: np.ndarray
-    frame: np.ndarray
-    w: np.ndarray
+    start: np.ndarray  # shape (num_points, 2, k), first dof of each node
+    weights: np.ndarray  # shape (num_points, 2, k)
+    body: np.ndarray  # shape (num_points, 2), first dof of each side's block
+    size: np.ndarray  # shape (num_points, 2), dofs in each side's block
+    rows: np.ndarray  # shape (num_points, 2, k), entry of `w` where the node's first row starts
+    frame: np.ndarray  # shape (num_points, 1, dim), the normal, or (num_points, 3, 3)
+    w: np.ndarray  # flat blocks of the inverse
+    # shape (num_points, 2), first dof of a rigid side's rotation, else `start` of its first node;
+    # None without lever arms
     rotation_dof: np.ndarray | None = None
+    # shape (num_points, 2, dim) (m), zero where a side is not rigid; None without lever arms
     lever_arms: np.ndarray | None = None
+    # shape (num_points, dim) (m), None without a periodic cell that deforms
     branches: np.ndarray | None = None
-    cell: np.int64 | None = None
-    cell_w: np.ndarray | None = None
+    cell: np.int64 | None = None  # first dof of dFbar/dt, column after column
+    cell_w: np.ndarray | None = None  # w of these dofs, shape (dim^2,); they have no others
 
 
 def couple(points: InteractionPoints, inverse: BodyInverse) -> Couplings:

@@ -49,19 +49,12 @@ _ASTRAY = 10.0
 
 
 class GroupLimits(NamedTuple):
-    """The limits of a group.
+    """The limits of a group."""
 
-    Attributes:
-        group: its number.
-        first: number of its first point among those of all groups that have bonds.
-        reached: largest openings so far, shape (n,), m.
-        length: by how much bonds may open in the step, shape (n,), m.
-    """
-
-    group: int
-    first: int
-    reached: np.ndarray
-    length: np.ndarray
+    group: int  # its number
+    first: int  # number of its first point among those of all groups that have bonds
+    reached: np.ndarray  # largest openings so far, shape (n,), m
+    length: np.ndarray  # by how much bonds may open in the step, shape (n,), m
 
 
 class GrowthLimit:

@@ -34,15 +34,10 @@ if TYPE_CHECKING:
 
 
 class Branches(NamedTuple):
-    """How points read a periodic cell that deforms.
+    """How points read a periodic cell that deforms."""
 
-    Attributes:
-        node: first of the dim nodes that hold the columns of dFbar/dt (1/s).
-        vectors: b, shape (num_points, dim), m.
-    """
-
-    node: int
-    vectors: np.ndarray
+    node: int  # first of the dim nodes that hold the columns of dFbar/dt (1/s)
+    vectors: np.ndarray  # b, shape (num_points, dim), m
 
 
 @dataclass(frozen=True)

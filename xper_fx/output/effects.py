@@ -235,21 +235,13 @@ EFFECTS = (
 
 
 class EffectRow(NamedTuple):
-    """What an effect is to a simulation.
+    """What an effect is to a simulation."""
 
-    Attributes:
-        name: the effect.
-        on: whether the scene calls for it.
-        memory: bytes held for it.
-        seconds: time spent in phases that are its alone.
-        calls: how often these were entered.
-    """
-
-    name: str
-    on: bool
-    memory: int
-    seconds: float
-    calls: int
+    name: str  # the effect
+    on: bool  # whether the scene calls for it
+    memory: int  # bytes held for it
+    seconds: float  # time spent in phases that are its alone
+    calls: int  # how often these were entered
 
 
 def _law_effects(simulation: Simulation) -> dict[str, int]:

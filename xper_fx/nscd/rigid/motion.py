@@ -43,17 +43,11 @@ _GRAVITY = "The gravity (m/s^2)"
 
 
 class RigidState(NamedTuple):
-    """Positions and velocities of all bodies at one time.
+    """Positions and velocities of all bodies at one time."""
 
-    Attributes:
-        position: of the centres of mass, shape (n, dim), m.
-        velocity: of the centres of mass, shape (n, dim), m/s.
-        turn: rotation, angular momentum, spin and inertia in space.
-    """
-
-    position: np.ndarray
-    velocity: np.ndarray
-    turn: Turn
+    position: np.ndarray  # of the centres of mass, shape (n, dim), m
+    velocity: np.ndarray  # of the centres of mass, shape (n, dim), m/s
+    turn: Turn  # rotation, angular momentum, spin and inertia in space
 
 
 class Prediction(NamedTuple):
@@ -83,21 +77,14 @@ class RigidWork(NamedTuple):
     """Energies of a step (J; 2D: per metre of depth).
 
     kinetic - (kinetic at the start) = loads + contacts + prescribed - scheme.
-
-    Attributes:
-        kinetic: kinetic energy at the end.
-        loads: work of gravity, forces and torques.
-        contacts: work of the impulses of contacts.
-        prescribed: work of what prescribes velocities.
-        scheme: energy taken by the scheme, zero for theta = 1/2.
-        change: of bodies that are driven without inertia, of half the change of what drives them.
     """
 
-    kinetic: float
-    loads: float
-    contacts: float
-    prescribed: float
-    scheme: float
+    kinetic: float  # kinetic energy at the end
+    loads: float  # work of gravity, forces and torques
+    contacts: float  # work of the impulses of contacts
+    prescribed: float  # work of what prescribes velocities
+    scheme: float  # energy taken by the scheme, zero for theta = 1/2
+    # of bodies that are driven without inertia, of half the change of what drives them
     change: float = 0.0
 
 

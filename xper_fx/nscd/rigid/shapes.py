@@ -54,14 +54,10 @@ class Shape(Protocol):
 
 
 class Piece(NamedTuple):
-    """A convex shape of a body.
+    """A convex shape of a body."""
 
-    Attributes:
-        shape: with the axes of the body.
-        offset: of its centroid from the body's centre of mass, in the body's axes, (dim,), m.
-    """
-
-    shape: Shape
+    shape: Shape  # with the axes of the body
+    # of its centroid from the body's centre of mass, in the body's axes, (dim,), m
     offset: np.ndarray
 
 

@@ -97,23 +97,16 @@ class _Ways(NamedTuple):
 
 
 class Touching(NamedTuple):
-    """Contacts of points with facets; the first `found` rows.
+    """Contacts of points with facets; the first `found` rows."""
 
-    Attributes:
-        point, facet: shape (n,), int32.
-        slot: counts the contacts of a point with a fragment, shape (n,), int64.
-        weights: of the facet's nodes, shape (n, dim).
-        normal: out of the facet, shape (n, dim).
-        gap: m, shape (n,).
-        area: m^2 (2D: m), shape (n,): of a node what faces the contact, else the facet's share.
-    """
-
+    # point, facet: shape (n,), int32
     point: np.ndarray
     facet: np.ndarray
-    slot: np.ndarray
-    weights: np.ndarray
-    normal: np.ndarray
-    gap: np.ndarray
+    slot: np.ndarray  # counts the contacts of a point with a fragment, shape (n,), int64
+    weights: np.ndarray  # of the facet's nodes, shape (n, dim)
+    normal: np.ndarray  # out of the facet, shape (n, dim)
+    gap: np.ndarray  # m, shape (n,)
+    # m^2 (2D: m), shape (n,): of a node what faces the contact, else the facet's share
     area: np.ndarray
 
 

@@ -85,14 +85,10 @@ def closest_on_face(y, vertices, first, loop, face_normal, height, q):
 
 
 class OnRigid(NamedTuple):
-    """Contacts of nodes with rigid bodies; the first `found` rows.
+    """Contacts of nodes with rigid bodies; the first `found` rows."""
 
-    Attributes:
-        pair: shape (n,), int32, of those that were looked at.
-        normal, gap, area: shape (n, dim), (n,), (n,); m, m^2 (2D: m).
-    """
-
-    pair: np.ndarray
+    pair: np.ndarray  # shape (n,), int32, of those that were looked at
+    # normal, gap, area: shape (n, dim), (n,), (n,); m, m^2 (2D: m)
     normal: np.ndarray
     gap: np.ndarray
     area: np.ndarray
