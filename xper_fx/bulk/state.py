@@ -35,15 +35,10 @@ class State:
 
 
 class Supports(NamedTuple):
-    """What the supports gave in a step.
+    """What the supports gave in a step."""
 
-    Attributes:
-        dofs: the prescribed ones, shape (num_prescribed,).
-        impulses: on them, shape (num_prescribed,), N s.
-    """
-
-    dofs: np.ndarray
-    impulses: np.ndarray
+    dofs: np.ndarray  # the prescribed ones, shape (num_prescribed,)
+    impulses: np.ndarray  # on them, shape (num_prescribed,), N s
 
 
 class StepOutcome(NamedTuple):

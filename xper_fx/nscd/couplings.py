@@ -25,31 +25,20 @@ from xper_fx.nscd.points import InteractionPoints
 
 
 class Sides(NamedTuple):
-    """What kernels over the points of a group are compiled for.
-
-    Attributes:
-        components: of local vectors.
-        k: nodes on a side.
-        lever_arms: whether there are sides on rigid bodies.
-        branches: whether points read a periodic cell that deforms.
-    """
+    """What kernels over the points of a group are compiled for."""
 
     dim: int
-    components: int
-    k: int
-    lever_arms: bool = False
-    branches: bool = False
+    components: int  # of local vectors
+    k: int  # nodes on a side
+    lever_arms: bool = False  # whether there are sides on rigid bodies
+    branches: bool = False  # whether points read a periodic cell that deforms
 
 
 class Blocks(NamedTuple):
-    """What is known of the blocks of w when kernels are compiled.
+    """What is known of the blocks of w when kernels are compiled."""
 
-    Attributes:
-        size: their common size in dofs, or 0.
-        aligned: whether all blocks of the scene have it: block b then starts at b times the size.
-    """
-
-    size: int = 0
+    size: int = 0  # their common size in dofs, or 0
+    # whether all blocks of the scene have it: block b then starts at b times the size
     aligned: bool = False
 
 

@@ -28,18 +28,13 @@ from xper_fx.support.checks import require_kind
 
 
 class Effect(NamedTuple):
-    """A row of the table.
+    """A row of the table."""
 
-    Attributes:
-        name: the effect.
-        on: whether a simulation calls for it.
-        nbytes: how many bytes it holds where it is on.
-        phases: phases of the run (`xper_fx/support/profile.py`) that are its alone.
-    """
-
-    name: str
-    on: Callable[[Simulation], bool]
+    name: str  # the effect
+    on: Callable[[Simulation], bool]  # whether a simulation calls for it
+    # how many bytes it holds where it is on
     nbytes: Callable[[Simulation], int] = lambda simulation: 0
+    # phases of the run (`xper_fx/support/profile.py`) that are its alone
     phases: tuple[str, ...] = ()
 
 

@@ -63,13 +63,9 @@ def works(energies: BulkEnergies) -> np.ndarray:
 
 @dataclass
 class StepDoubling:
-    """Compares steps with one of twice the size.
+    """Compares steps with one of twice the size."""
 
-    Args:
-        follows: whether errors of stresses are followed: of static flow.
-    """
-
-    follows: bool
+    follows: bool  # whether errors of stresses are followed: of static flow
     # by the steps made, of each of the works (J; 2D: J/m), shape (4,)
     left: np.ndarray = field(default_factory=lambda: np.zeros(4))
     power: float = 0.0  # error of the power of the supports (W; 2D: W/m)

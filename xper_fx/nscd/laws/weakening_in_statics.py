@@ -53,15 +53,10 @@ _IMPACT, _FRICTION, _NUMERICAL, _COHESION = range(4)
 
 @dataclass(frozen=True)
 class WeakeningInStatics:
-    """A law of `weakening_friction.py` in a static run.
+    """A law of `weakening_friction.py` in a static run."""
 
-    Args:
-        law: for runs with inertia, which has the parameters and the history.
-        joint: whether it has cohesion.
-    """
-
-    law: Any
-    joint: bool
+    law: Any  # for runs with inertia, which has the parameters and the history
+    joint: bool  # whether it has cohesion
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""

@@ -51,25 +51,20 @@ class RigidState(NamedTuple):
 
 
 class Prediction(NamedTuple):
-    """Where the kick of a step takes place, and the velocities without contacts.
+    """Where the kick of a step takes place, and the velocities without contacts."""
 
-    Attributes:
-        position: x_m of the centres of mass, shape (n, dim), m.
-        rotation: angles, shape (n,), rad (2D); matrices from body to space, (n, 3, 3) (3D).
-        start: velocities v0 there, before the kick, shape (2 n, dim), m/s and rad/s.
-        free: velocities after a kick without contacts, with the prescribed ones of the end of the
-            step, shape (2 n, dim).
-        gradient: Fbar there, shape (dim, dim), of a periodic cell that deforms, whose columns of
-            dFbar/dt come behind the other velocities; None without one.
-        way: by how much bodies may move and turn in a step along a path, shape (2 n, dim), m and
-            rad; None where the velocities say it.
-    """
-
-    position: np.ndarray
+    position: np.ndarray  # x_m of the centres of mass, shape (n, dim), m
+    # angles, shape (n,), rad (2D); matrices from body to space, (n, 3, 3) (3D)
     rotation: np.ndarray
-    start: np.ndarray
+    start: np.ndarray  # velocities v0 there, before the kick, shape (2 n, dim), m/s and rad/s
+    # velocities after a kick without contacts, with the prescribed ones of the end of the step,
+    # shape (2 n, dim)
     free: np.ndarray
+    # Fbar there, shape (dim, dim), of a periodic cell that deforms, whose columns of dFbar/dt come
+    # behind the other velocities; None without one
     gradient: np.ndarray | None = None
+    # by how much bodies may move and turn in a step along a path, shape (2 n, dim), m and rad; None
+    # where the velocities say it
     way: np.ndarray | None = None
 
 

@@ -111,20 +111,14 @@ class Touching(NamedTuple):
 
 
 class Points(NamedTuple):
-    """Points that may touch facets.
+    """Points that may touch facets."""
 
-    Attributes:
-        position: shape (p, dim), m; with `meshed` these are the nodes.
-        radius: of each point, shape (p,), m: that of the disc or sphere around it.
-        outward: direction out of the solid at each point, shape (p, dim), zero if it has none;
-            not read with `meshed`, where a node's own facets say it.
-        meshed: whether points are nodes. Others touch no vertex: that node finds them.
-    """
-
-    position: np.ndarray
-    radius: np.ndarray
+    position: np.ndarray  # shape (p, dim), m; with `meshed` these are the nodes
+    radius: np.ndarray  # of each point, shape (p,), m: that of the disc or sphere around it
+    # direction out of the solid at each point, shape (p, dim), zero if it has none; not read with
+    # `meshed`, where a node's own facets say it
     outward: np.ndarray
-    meshed: bool
+    meshed: bool  # whether points are nodes. Others touch no vertex: that node finds them.
 
 
 def room_for(count: int, dim: int) -> Touching:
