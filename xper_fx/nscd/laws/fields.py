@@ -38,18 +38,18 @@ _AT_A_TIME = 4096
 class Places:
     """Where the points of a law are."""
 
-    x: np.ndarray  # positions, shape (3, n), m
-    normal: np.ndarray  # unit normals from antagonist to candidate, shape (3, n)
-    # bodies, materials: numbers of the bodies and cell tags of both sides, shape (2, n); -1 of ties
-    # and walls
+    x: np.ndarray  #: positions, shape (3, n), m
+    normal: np.ndarray  #: unit normals from antagonist to candidate, shape (3, n)
+    #: bodies, materials: numbers of the bodies and cell tags of both sides, shape (2, n); -1 of
+    #: ties and walls
     bodies: np.ndarray
     materials: np.ndarray
-    area: np.ndarray  # of the facet (m^2; 2D: m), of ties and walls that of the point, shape (n,)
-    facet: np.ndarray  # number of the facing facet, -1 of ties and walls, shape (n,)
-    # of the point among those of its law on facing facets, on all ranks, shape (n,)
+    area: np.ndarray  #: of the facet (m^2; 2D: m), of ties and walls that of the point, shape (n,)
+    facet: np.ndarray  #: number of the facing facet, -1 of ties and walls, shape (n,)
+    #: of the point among those of its law on facing facets, on all ranks, shape (n,)
     number: np.ndarray
-    num_points: np.ndarray  # how many these are, shape (n,)
-    num_facets: int | None  # facing facets of the scene; None where no rank knows all of them
+    num_points: np.ndarray  #: how many these are, shape (n,)
+    num_facets: int | None  #: facing facets of the scene; None where no rank knows all of them
 
     def __len__(self) -> int:
         return len(self.area)

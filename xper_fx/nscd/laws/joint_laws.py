@@ -64,7 +64,7 @@ class Held:
 class Stop:
     """The gap does not become negative."""
 
-    restitution: float = 0.0  # Newton's e in [0, 1]
+    restitution: float = 0.0  #: Newton's e in [0, 1]
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
@@ -83,7 +83,7 @@ class Stop:
 class SlidingFriction:
     """A bounded force against the velocity."""
 
-    bound: float  # N; N m of a rotation
+    bound: float  #: N; N m of a rotation
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
@@ -102,8 +102,8 @@ class SlidingFriction:
 class ElasticWire:
     """A spring in tension alone, whose elongation is -g."""
 
-    stiffness: float  # k, N/m
-    tension: float  # at the start, N; negative: k times the slack
+    stiffness: float  #: k, N/m
+    tension: float  #: at the start, N; negative: k times the slack
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""

@@ -104,14 +104,14 @@ class CoulombPoints(NamedTuple):
     beside r'' = -spring (push + u), if there are springs, which bears its share of the impulse.
     """
 
-    least: np.ndarray  # shape (n,), m/s; -inf where the point is open
-    shift: np.ndarray  # shape (n, dim - 1), m/s
-    friction: np.ndarray  # shape (n,)
-    # bound, tip: shape (n,), N s
+    least: np.ndarray  #: shape (n,), m/s; -inf where the point is open
+    shift: np.ndarray  #: shape (n, dim - 1), m/s
+    friction: np.ndarray  #: shape (n,)
+    #: bound, tip: shape (n,), N s
     bound: np.ndarray
     tip: np.ndarray
-    spring: np.ndarray | None = None  # shape (n, dim), N s per m/s; None where there is none
-    push: np.ndarray | None = None  # shape (n, dim), m/s; None with `spring`
+    spring: np.ndarray | None = None  #: shape (n, dim), N s per m/s; None where there is none
+    push: np.ndarray | None = None  #: shape (n, dim), m/s; None with `spring`
 
 
 class Columns:

@@ -55,8 +55,8 @@ _IMPACT, _FRICTION, _NUMERICAL, _COHESION = range(4)
 class WeakeningInStatics:
     """A law of `weakening_friction.py` in a static run."""
 
-    law: Any  # for runs with inertia, which has the parameters and the history
-    joint: bool  # whether it has cohesion
+    law: Any  #: for runs with inertia, which has the parameters and the history
+    joint: bool  #: whether it has cohesion
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""

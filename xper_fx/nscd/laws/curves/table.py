@@ -19,8 +19,8 @@ from xper_fx.support.checks import require_numbers
 class Table:
     """Tractions at openings."""
 
-    openings: tuple[float, ...]  # rising (m)
-    tractions: tuple[float, ...]  # of the same length (Pa)
+    openings: tuple[float, ...]  #: rising (m)
+    tractions: tuple[float, ...]  #: of the same length (Pa)
 
     @classmethod
     def of(cls, *given: Any) -> Table:
