@@ -40,7 +40,6 @@ from xper_fx.support.ranks import Ranks
 if TYPE_CHECKING:
     from xper_fx.bodies.spread import Spread
 
-__all__ = ["EACH_CELL", "Bodies", "FacingFacets", "explode"]
 
 EACH_CELL = "each cell"
 """Every cell is a body of its own."""
@@ -61,21 +60,22 @@ class FacingFacets:
     not negligible is positive.
     """
 
-    cells: npt.NDArray[np.int32]  # cells of the exploded mesh, shape (n, 2), int32
-    local_facets: npt.NDArray[np.int32]  # number of the facet within each cell, shape (n, 2), int32
-    tag: npt.NDArray[np.int32]  # tag of the parent facet, 0 if it has none, shape (n,), int32
-    # unit normal from the antagonist to the candidate, shape (n, dim)
+    cells: npt.NDArray[np.int32]  #: cells of the exploded mesh, shape (n, 2), int32
+    #: number of the facet within each cell, shape (n, 2), int32
+    local_facets: npt.NDArray[np.int32]
+    tag: npt.NDArray[np.int32]  #: tag of the parent facet, 0 if it has none, shape (n,), int32
+    #: unit normal from the antagonist to the candidate, shape (n, dim)
     normal: npt.NDArray[np.float64]
-    # length (m) or area (m^2), shape (n,); of a warped quadrilateral facet, the norm of its vector
-    # area
+    #: length (m) or area (m^2), shape (n,); of a warped quadrilateral facet, the norm of its vector
+    #: area
     measure: npt.NDArray[np.float64]
-    midpoint: npt.NDArray[np.float64]  # mean of the vertices, shape (n, dim), m
-    bodies: npt.NDArray[np.int32]  # the two bodies, shape (n, 2), int32
-    materials: npt.NDArray[np.int32]  # cell tags of the two cells, shape (n, 2), int32
-    # vertices of the facet within each cell, shape (n, 2, k), int32, matched: `local_vertices[f, 0,
-    # j]` and `local_vertices[f, 1, j]` coincide in space. In 2D the direction from j = 0 to j = 1
-    # is the normal turned by +90 degrees; in 3D the vertices go round the normal counterclockwise
-    # (quadrilaterals: in the order 0, 1, 3, 2).
+    midpoint: npt.NDArray[np.float64]  #: mean of the vertices, shape (n, dim), m
+    bodies: npt.NDArray[np.int32]  #: the two bodies, shape (n, 2), int32
+    materials: npt.NDArray[np.int32]  #: cell tags of the two cells, shape (n, 2), int32
+    #: vertices of the facet within each cell, shape (n, 2, k), int32, matched: `local_vertices[f,
+    #: 0, j]` and `local_vertices[f, 1, j]` coincide in space. In 2D the direction from j = 0 to j =
+    #: 1 is the normal turned by +90 degrees; in 3D the vertices go round the normal
+    #: counterclockwise (quadrilaterals: in the order 0, 1, 3, 2).
     local_vertices: npt.NDArray[np.int32]
 
     def __len__(self) -> int:
@@ -640,12 +640,12 @@ def _exploded_facet_tags(
 class _Meeting(NamedTuple):
     """Facets at which two cells of the parent mesh meet, as they lie or across the boundary."""
 
-    # cells, local_facets: shape (n, 2), int32
+    #: cells, local_facets: shape (n, 2), int32
     cells: npt.NDArray[np.int32]
     local_facets: npt.NDArray[np.int32]
-    # shape (n, dim), from the facet of the first cell to that of the second, m
+    #: shape (n, dim), from the facet of the first cell to that of the second, m
     translation: npt.NDArray[np.float64]
-    tag: npt.NDArray[np.int32]  # shape (n,), int32
+    tag: npt.NDArray[np.int32]  #: shape (n,), int32
 
     def take(self, which: npt.NDArray[np.bool_]) -> _Meeting:
         return _Meeting(*(a[which] for a in self))

@@ -24,8 +24,8 @@ _VOLUME = 1e-6
 class FacetPairs(NamedTuple):
     """Facets of the boundary that a vector of the lattice brings together."""
 
-    facets: npt.NDArray[np.intp]  # shape (n, 2), positions in the arrays given
-    # shape (n, dim), vector from the first of a pair to the second, m
+    facets: npt.NDArray[np.intp]  #: shape (n, 2), positions in the arrays given
+    #: shape (n, dim), vector from the first of a pair to the second, m
     translation: npt.NDArray[np.float64]
 
 

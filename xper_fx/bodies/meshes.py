@@ -27,22 +27,6 @@ from xper_fx.support.checks import refuse_expression, require_numbers
 from xper_fx.support.compat import coordinate_element, geometry_dofmap, gmsh_model_to_mesh
 from xper_fx.support.ranks import Ranks
 
-__all__ = [
-    "SerialOnlyError",
-    "cell_measure",
-    "check_mesh",
-    "crossed_rectangle",
-    "facet_cells",
-    "facet_geometry_nodes",
-    "in_rectangles",
-    "local_facet_vertices",
-    "midpoints_of",
-    "read_gmsh",
-    "reference_cell",
-    "tag_cells",
-    "tag_facets",
-]
-
 logger = logging.getLogger(__name__)
 
 Predicate = Callable[[npt.NDArray[np.float64]], npt.NDArray[np.bool_]]

@@ -12,8 +12,8 @@ class PresentTags(NamedTuple):
 
     cells: frozenset[int]
     facets: frozenset[int]
-    # of facing facets: the cell tags of both sides, the lower one first, and the facet's tag, 0 if
-    # it has none
+    #: of facing facets: the cell tags of both sides, the lower one first, and the facet's tag, 0 if
+    #: it has none
     facing: frozenset[tuple[int, int, int]]
 
     @classmethod

@@ -31,28 +31,28 @@ UNTAGGED = np.iinfo(np.int32).min
 class Spread:
     """How bodies are spread over ranks."""
 
-    ranks: Ranks  # those of the mesh
-    # rank of each body that is known here, shape (num_bodies,), int32
+    ranks: Ranks  #: those of the mesh
+    #: rank of each body that is known here, shape (num_bodies,), int32
     rank_of_body: npt.NDArray[np.int32]
-    # num_bodies, num_cells: how many all ranks have together
+    #: num_bodies, num_cells: how many all ranks have together
     num_bodies: int
     num_cells: int
-    present: PresentTags  # the tags that occur on any rank
+    present: PresentTags  #: the tags that occur on any rank
 
 
 class KnownCells(NamedTuple):
     """A rank's own cells and their neighbours, in the order of `number`."""
 
-    mesh: Mesh  # of these cells, on one process
-    # shape (num_cells,), int64, number of each cell in what the mesh was made from
-    # (`Topology.original_cell_index`), which no partition decides
+    mesh: Mesh  #: of these cells, on one process
+    #: shape (num_cells,), int64, number of each cell in what the mesh was made from
+    #: (`Topology.original_cell_index`), which no partition decides
     number: npt.NDArray[np.int64]
-    vertex: npt.NDArray[np.int64]  # shape (num_geometry_nodes,), int64, likewise of each vertex
-    # shape (num_cells,), int32, rank of the body that each cell belongs to
+    vertex: npt.NDArray[np.int64]  #: shape (num_geometry_nodes,), int64, likewise of each vertex
+    #: shape (num_cells,), int32, rank of the body that each cell belongs to
     rank: npt.NDArray[np.int32]
-    label: npt.NDArray[np.int64]  # shape (num_cells,), int64, body of each cell
-    cell_tags: MeshTags  # of all cells
-    facet_tags: MeshTags  # of those facets that bear one
+    label: npt.NDArray[np.int64]  #: shape (num_cells,), int64, body of each cell
+    cell_tags: MeshTags  #: of all cells
+    facet_tags: MeshTags  #: of those facets that bear one
 
 
 def known_cells(

@@ -15,10 +15,10 @@ from xper_fx.bulk.sparse_blocks import BlockMatrix
 class BodyLayout:
     """Nodes body by body."""
 
-    nodes: np.ndarray  # shape (num_nodes,), nodes (DOLFINx numbering) in body order
-    offsets: np.ndarray  # shape (num_bodies + 1,), first entry of each body in `nodes`
-    dim: int  # dofs a node
-    prescribed: np.ndarray  # shape (num_nodes * dim,), bool, dofs whose motion is given
+    nodes: np.ndarray  #: shape (num_nodes,), nodes (DOLFINx numbering) in body order
+    offsets: np.ndarray  #: shape (num_bodies + 1,), first entry of each body in `nodes`
+    dim: int  #: dofs a node
+    prescribed: np.ndarray  #: shape (num_nodes * dim,), bool, dofs whose motion is given
 
     @property
     def num_bodies(self) -> int:

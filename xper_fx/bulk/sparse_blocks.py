@@ -32,10 +32,10 @@ _SYMMETRIC = 1e-12
 class BlockMatrix:
     """A square matrix in sparse rows of dim x dim blocks."""
 
-    data: np.ndarray  # the blocks row by row, shape (num_blocks, dim, dim)
-    # the column of each block among the nodes, ascending in a row, shape (num_blocks,)
+    data: np.ndarray  #: the blocks row by row, shape (num_blocks, dim, dim)
+    #: the column of each block among the nodes, ascending in a row, shape (num_blocks,)
     indices: np.ndarray
-    # the first block of each row, and the number of blocks, shape (num_nodes + 1,)
+    #: the first block of each row, and the number of blocks, shape (num_nodes + 1,)
     indptr: np.ndarray
 
     @property

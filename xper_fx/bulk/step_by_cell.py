@@ -25,15 +25,15 @@ _TILE = 64
 class EndedStep(NamedTuple):
     """The end of a step."""
 
-    displacement: np.ndarray  # at the end, shape (num_dofs,), m
-    forces: np.ndarray | tuple[np.ndarray, np.ndarray]  # as of `State`
-    ahead: np.ndarray | None  # internal forces half a step later, if the bulk is linear
-    # of what internal forces change by in the second half of the step, on this rank (W; 2D: W/m)
+    displacement: np.ndarray  #: at the end, shape (num_dofs,), m
+    forces: np.ndarray | tuple[np.ndarray, np.ndarray]  #: as of `State`
+    ahead: np.ndarray | None  #: internal forces half a step later, if the bulk is linear
+    #: of what internal forces change by in the second half of the step, on this rank (W; 2D: W/m)
     power: float
-    # kinetic and elastic energy on this rank where they come along (J; 2D: J/m), else None
+    #: kinetic and elastic energy on this rank where they come along (J; 2D: J/m), else None
     held: tuple[float, float] | None = None
-    # velocities at the end of a next step of the same size in which nothing but internal forces
-    # acts, first in room for those of all slots (m/s), where they come along
+    #: velocities at the end of a next step of the same size in which nothing but internal forces
+    #: acts, first in room for those of all slots (m/s), where they come along
     free: np.ndarray | None = None
 
 

@@ -44,9 +44,9 @@ _PATIENCE, _PAUSE = 120.0, 0.02
 class KeptFile(NamedTuple):
     """A file of the folder."""
 
-    title: str  # of the kernel
-    size: int  # bytes
-    used: float  # when it was last used, to an hour (s since the epoch)
+    title: str  #: of the kernel
+    size: int  #: bytes
+    used: float  #: when it was last used, to an hour (s since the epoch)
     path: Path
 
 

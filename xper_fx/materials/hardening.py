@@ -24,8 +24,8 @@ from xper_fx.support.checks import require_positive, take_numbers
 class Curve(NamedTuple):
     """A hardening law in UFL."""
 
-    stress: Callable  # function K of alpha (Pa)
-    increment: Callable  # function of q, m and alpha that gives p; called where q > K(alpha) only
+    stress: Callable  #: function K of alpha (Pa)
+    increment: Callable  #: function of q, m and alpha that gives p; called where q > K(alpha) only
 
 
 class Hardening(Protocol):

@@ -30,8 +30,8 @@ _BAND = 1e-11
 class Return(NamedTuple):
     """What the return gives, in UFL."""
 
-    stress: Any  # the deviator s (Pa)
-    increment: Any  # p
+    stress: Any  #: the deviator s (Pa)
+    increment: Any  #: p
 
 
 def radial_return(trial: Expression, m: Expression, alpha: Expression, curve: Curve) -> Return:

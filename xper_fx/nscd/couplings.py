@@ -28,17 +28,17 @@ class Sides(NamedTuple):
     """What kernels over the points of a group are compiled for."""
 
     dim: int
-    components: int  # of local vectors
-    k: int  # nodes on a side
-    lever_arms: bool = False  # whether there are sides on rigid bodies
-    branches: bool = False  # whether points read a periodic cell that deforms
+    components: int  #: of local vectors
+    k: int  #: nodes on a side
+    lever_arms: bool = False  #: whether there are sides on rigid bodies
+    branches: bool = False  #: whether points read a periodic cell that deforms
 
 
 class Blocks(NamedTuple):
     """What is known of the blocks of w when kernels are compiled."""
 
-    size: int = 0  # their common size in dofs, or 0
-    # whether all blocks of the scene have it: block b then starts at b times the size
+    size: int = 0  #: their common size in dofs, or 0
+    #: whether all blocks of the scene have it: block b then starts at b times the size
     aligned: bool = False
 
 
@@ -48,22 +48,22 @@ ANY_BLOCKS = Blocks()
 class Couplings(NamedTuple):
     """Where a point reads and writes, as the sweep kernels want it."""
 
-    start: np.ndarray  # shape (num_points, 2, k), first dof of each node
-    weights: np.ndarray  # shape (num_points, 2, k)
-    body: np.ndarray  # shape (num_points, 2), first dof of each side's block
-    size: np.ndarray  # shape (num_points, 2), dofs in each side's block
-    rows: np.ndarray  # shape (num_points, 2, k), entry of `w` where the node's first row starts
-    frame: np.ndarray  # shape (num_points, 1, dim), the normal, or (num_points, 3, 3)
-    w: np.ndarray  # flat blocks of the inverse
-    # shape (num_points, 2), first dof of a rigid side's rotation, else `start` of its first node;
-    # None without lever arms
+    start: np.ndarray  #: shape (num_points, 2, k), first dof of each node
+    weights: np.ndarray  #: shape (num_points, 2, k)
+    body: np.ndarray  #: shape (num_points, 2), first dof of each side's block
+    size: np.ndarray  #: shape (num_points, 2), dofs in each side's block
+    rows: np.ndarray  #: shape (num_points, 2, k), entry of `w` where the node's first row starts
+    frame: np.ndarray  #: shape (num_points, 1, dim), the normal, or (num_points, 3, 3)
+    w: np.ndarray  #: flat blocks of the inverse
+    #: shape (num_points, 2), first dof of a rigid side's rotation, else `start` of its first node;
+    #: None without lever arms
     rotation_dof: np.ndarray | None = None
-    # shape (num_points, 2, dim) (m), zero where a side is not rigid; None without lever arms
+    #: shape (num_points, 2, dim) (m), zero where a side is not rigid; None without lever arms
     lever_arms: np.ndarray | None = None
-    # shape (num_points, dim) (m), None without a periodic cell that deforms
+    #: shape (num_points, dim) (m), None without a periodic cell that deforms
     branches: np.ndarray | None = None
-    cell: np.int64 | None = None  # first dof of dFbar/dt, column after column
-    cell_w: np.ndarray | None = None  # w of these dofs, shape (dim^2,); they have no others
+    cell: np.int64 | None = None  #: first dof of dFbar/dt, column after column
+    cell_w: np.ndarray | None = None  #: w of these dofs, shape (dim^2,); they have no others
 
 
 def couple(points: InteractionPoints, inverse: BodyInverse) -> Couplings:

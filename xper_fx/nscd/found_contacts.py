@@ -20,11 +20,11 @@ from xper_fx.nscd.points import InteractionPoints
 class FoundPoints(NamedTuple):
     """Contacts that a search has found."""
 
-    # on the node slots, `gap` in the middle of the step, at x0 + h (1 - theta) v0
+    #: on the node slots, `gap` in the middle of the step, at x0 + h (1 - theta) v0
     points: InteractionPoints
-    law_of_point: np.ndarray  # shape (num_points,), index into the laws
-    keys: np.ndarray  # shape (num_points, 2), what contacts are known by from step to step, sorted
-    # as of `spin_arms` of the search; None where no side is meshed, or none is asked
+    law_of_point: np.ndarray  #: shape (num_points,), index into the laws
+    keys: np.ndarray  #: shape (num_points, 2), what contacts are known by from step to step, sorted
+    #: as of `spin_arms` of the search; None where no side is meshed, or none is asked
     spin_arms: np.ndarray | None = None
 
 

@@ -51,10 +51,10 @@ _ASTRAY = 10.0
 class GroupLimits(NamedTuple):
     """The limits of a group."""
 
-    group: int  # its number
-    first: int  # number of its first point among those of all groups that have bonds
-    reached: np.ndarray  # largest openings so far, shape (n,), m
-    length: np.ndarray  # by how much bonds may open in the step, shape (n,), m
+    group: int  #: its number
+    first: int  #: number of its first point among those of all groups that have bonds
+    reached: np.ndarray  #: largest openings so far, shape (n,), m
+    length: np.ndarray  #: by how much bonds may open in the step, shape (n,), m
 
 
 class GrowthLimit:

@@ -19,13 +19,13 @@ class BodyInverse:
     """Blocks of w over the interacting nodes, in body order, and a zero block for the ground."""
 
     dim: int
-    # shape (num_blocks + 1,), first node of each block; the last block is the ground's, whose first
-    # node is the ground
+    #: shape (num_blocks + 1,), first node of each block; the last block is the ground's, whose
+    #: first node is the ground
     node_offsets: np.ndarray
-    data: np.ndarray  # all blocks by rows, flat (m/s per N s)
-    data_offsets: np.ndarray  # shape (num_blocks + 1,), first entry of each block in `data`
-    # whether there is one block a node, of which `data` has the diagonal alone. Such an inverse
-    # gives the compliances of points, and moves nothing.
+    data: np.ndarray  #: all blocks by rows, flat (m/s per N s)
+    data_offsets: np.ndarray  #: shape (num_blocks + 1,), first entry of each block in `data`
+    #: whether there is one block a node, of which `data` has the diagonal alone. Such an inverse
+    #: gives the compliances of points, and moves nothing.
     diagonal: bool = False
 
     @classmethod

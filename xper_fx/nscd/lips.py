@@ -32,12 +32,12 @@ _ALIKE = 1e-12
 class Lips:
     """Facets at points."""
 
-    # shape (num_points, 2, k), int32, nodes of the candidate's and antagonist's facets
+    #: shape (num_points, 2, k), int32, nodes of the candidate's and antagonist's facets
     nodes: np.ndarray
-    # G, shape (num_points, 2, k, dim - 1), 1/m. Zero where a frame does not turn.
+    #: G, shape (num_points, 2, k, dim - 1), 1/m. Zero where a frame does not turn.
     gradient: np.ndarray
-    tangent: np.ndarray  # t_alpha, shape (num_points, dim - 1, dim), unit
-    # whether the nodes of both sides coincide, one by one, shape (num_points,), bool
+    tangent: np.ndarray  #: t_alpha, shape (num_points, dim - 1, dim), unit
+    #: whether the nodes of both sides coincide, one by one, shape (num_points,), bool
     paired: np.ndarray
 
     def take(self, indices: np.ndarray) -> Lips:

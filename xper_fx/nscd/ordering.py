@@ -30,9 +30,9 @@ LAST_COLOR = 63
 class Ordering(NamedTuple):
     """An order of points by colour of tile, tile, and colour of point."""
 
-    order: np.ndarray  # shape (num_points,), int32
-    tile_offsets: np.ndarray  # shape (num_tiles + 1,), first point (in `order`) of each tile
-    color_offsets: np.ndarray  # shape (num_colors + 1,), first tile of each colour
+    order: np.ndarray  #: shape (num_points,), int32
+    tile_offsets: np.ndarray  #: shape (num_tiles + 1,), first point (in `order`) of each tile
+    color_offsets: np.ndarray  #: shape (num_colors + 1,), first tile of each colour
 
 
 def greedy_colors(
@@ -250,8 +250,8 @@ def _touch(blocks, order, tile_offsets, ignored, seen, offsets, members):
 class TileBodies(NamedTuple):
     """The bodies that each tile touches."""
 
-    offsets: np.ndarray  # shape (num_tiles + 1,), first entry of each tile in `blocks`
-    blocks: np.ndarray  # blocks touched, the ground's left out
+    offsets: np.ndarray  #: shape (num_tiles + 1,), first entry of each tile in `blocks`
+    blocks: np.ndarray  #: blocks touched, the ground's left out
 
 
 _NONE = np.zeros(1, np.int64)

@@ -30,11 +30,11 @@ from xper_fx.support.checks import require_kind
 class Effect(NamedTuple):
     """A row of the table."""
 
-    name: str  # the effect
-    on: Callable[[Simulation], bool]  # whether a simulation calls for it
-    # how many bytes it holds where it is on
+    name: str  #: the effect
+    on: Callable[[Simulation], bool]  #: whether a simulation calls for it
+    #: how many bytes it holds where it is on
     nbytes: Callable[[Simulation], int] = lambda simulation: 0
-    # phases of the run (`xper_fx/support/profile.py`) that are its alone
+    #: phases of the run (`xper_fx/support/profile.py`) that are its alone
     phases: tuple[str, ...] = ()
 
 
@@ -232,11 +232,11 @@ EFFECTS = (
 class EffectRow(NamedTuple):
     """What an effect is to a simulation."""
 
-    name: str  # the effect
-    on: bool  # whether the scene calls for it
-    memory: int  # bytes held for it
-    seconds: float  # time spent in phases that are its alone
-    calls: int  # how often these were entered
+    name: str  #: the effect
+    on: bool  #: whether the scene calls for it
+    memory: int  #: bytes held for it
+    seconds: float  #: time spent in phases that are its alone
+    calls: int  #: how often these were entered
 
 
 def _law_effects(simulation: Simulation) -> dict[str, int]:

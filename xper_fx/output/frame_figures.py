@@ -40,10 +40,10 @@ _VEIL, _DIM = 0.2, 0.45
 class Look:
     """How frames are drawn."""
 
-    bounds: np.ndarray  # of the window, (low, high) of each axis, shape (dim, 2), m
-    scale: ScalarMappable | None  # colours of values; None for those of kinds
-    chains: bool  # whether contact forces are drawn
-    view: tuple[float, float]  # height and angle of the viewer (degrees)
+    bounds: np.ndarray  #: of the window, (low, high) of each axis, shape (dim, 2), m
+    scale: ScalarMappable | None  #: colours of values; None for those of kinds
+    chains: bool  #: whether contact forces are drawn
+    view: tuple[float, float]  #: height and angle of the viewer (degrees)
 
     @property
     def share(self) -> float:

@@ -39,19 +39,6 @@ if TYPE_CHECKING:
 
     from xper_fx.support.profile import PhaseRow
 
-__all__ = [
-    "COLOURS",
-    "CRACK_KINDS",
-    "CrackPanel",
-    "new_figure",
-    "plot_cracks",
-    "plot_curves",
-    "plot_energies",
-    "plot_grains",
-    "plot_law",
-    "plot_microstructure",
-    "plot_profile",
-]
 
 CRACK_KINDS: tuple[str, ...] = ("matrix", "interface", "inclusion")
 """What a crack runs through: the meaning of ``CrackPanel.crack_kind`` 0, 1, 2."""

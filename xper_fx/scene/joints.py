@@ -243,8 +243,8 @@ Joint = Hinge | Slider | Weld | Tendon
 class _Frame(NamedTuple):
     """A point and right-handed axes, the joint's own first."""
 
-    point: np.ndarray  # shape (dim,)
-    axes: np.ndarray  # shape (dim, dim), rows
+    point: np.ndarray  #: shape (dim,)
+    axes: np.ndarray  #: shape (dim, dim), rows
 
     @classmethod
     def of(cls, joint: Hinge | Slider | Weld) -> _Frame:
@@ -341,9 +341,9 @@ def check_joints(joints: Sequence[Joint], rigid: Sequence[RigidBody], bodies: Ri
 class RowsOfJoints(NamedTuple):
     """The rows of some joints, one joint after the other."""
 
-    each: list[Row]  # the rows, n of them
-    joint: np.ndarray  # number of the joint of each, shape (n,)
-    placed: JointRows  # the same as arrays
+    each: list[Row]  #: the rows, n of them
+    joint: np.ndarray  #: number of the joint of each, shape (n,)
+    placed: JointRows  #: the same as arrays
 
 
 def rows_of_joints(

@@ -24,14 +24,14 @@ _MESHED = ("order", "points", "materials", "ties", "walls", "surfaces", "damping
 class Snapshot:
     """What `Simulation.snapshot()` gives, and `Scene(after=...)` takes."""
 
-    scene: Any  # of the run, a `Scene`
-    time: float  # s
-    # scheme, inertia: of the run
+    scene: Any  #: of the run, a `Scene`
+    time: float  #: s
+    #: scheme, inertia: of the run
     scheme: str
     inertia: bool
-    laws: Sequence[Law]  # of its interactions
-    joint_rows: JointRows | None  # of its joints, None without any
-    saved: Mapping  # the state, as `Simulation.saved` gives it, its rows in order
+    laws: Sequence[Law]  #: of its interactions
+    joint_rows: JointRows | None  #: of its joints, None without any
+    saved: Mapping  #: the state, as `Simulation.saved` gives it, its rows in order
 
     def numbers_of(self, rigid: Sequence[RigidBody]) -> np.ndarray:
         """Number in the run's scene of each rigid body of another, -1 of a new one; shape (n,)."""

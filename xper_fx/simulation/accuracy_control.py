@@ -86,28 +86,29 @@ _TIGHTEST = 1e-3
 class _Learnt:
     """What the run has shown of the step and of the tolerance."""
 
-    # base, least, size: of the ladder of steps, of its shortest step, of the next step (s)
+    #: base, least, size: of the ladder of steps, of its shortest step, of the next step (s)
     base: float
     least: float
     size: float
-    largest: float  # no step is longer (s)
-    softening_step: float  # in which a bond may snap (s)
-    tolerance: float  # of the impulses
-    meets: bool  # whether there are interactions; bodies that touched, if these are to be found
-    end_time: float = 0.0  # for which a static run has its ladder (s)
-    calm: float = 0.0  # time for which steps as long as `awaited` would have left little enough (s)
-    # same, tight_since: steps since the step, and the tolerance, were changed
+    largest: float  #: no step is longer (s)
+    softening_step: float  #: in which a bond may snap (s)
+    tolerance: float  #: of the impulses
+    meets: bool  #: whether there are interactions; bodies that touched, if these are to be found
+    end_time: float = 0.0  #: for which a static run has its ladder (s)
+    #: time for which steps as long as `awaited` would have left little enough (s)
+    calm: float = 0.0
+    #: same, tight_since: steps since the step, and the tolerance, were changed
     same: int = 0
     tight_since: int = 0
-    # smooth, ratio: estimate over what is allowed, of steps past and of the last one
+    #: smooth, ratio: estimate over what is allowed, of steps past and of the last one
     smooth: float = 0.0
     ratio: float = 0.0
-    rough: float = 0.0  # the same of the last steps that were doubled
-    # snap_step, one_state: above which initially rigid bonds may snap that have weakened of late,
-    # or ever (s)
+    rough: float = 0.0  #: the same of the last steps that were doubled
+    #: snap_step, one_state: above which initially rigid bonds may snap that have weakened of late,
+    #: or ever (s)
     snap_step: float = np.inf
     one_state: float = np.inf
-    snapped: float = 0.0  # largest snap number so far
+    snapped: float = 0.0  #: largest snap number so far
 
 
 class AccuracyControl:

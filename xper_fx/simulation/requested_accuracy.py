@@ -29,11 +29,11 @@ _NEWTON = 1e-3
 class RequestedAccuracy(NamedTuple):
     """What a user fixes and what is to be picked."""
 
-    accuracy: float | None  # relative error asked for, None if nothing is to be picked
-    step: float | None  # h (s), None if not given
-    tolerance: float  # of the impulses
-    newton_tolerance: float  # of the bulk
-    # adapts_step, adapts_tolerance: whether they are picked and adapted
+    accuracy: float | None  #: relative error asked for, None if nothing is to be picked
+    step: float | None  #: h (s), None if not given
+    tolerance: float  #: of the impulses
+    newton_tolerance: float  #: of the bulk
+    #: adapts_step, adapts_tolerance: whether they are picked and adapted
     adapts_step: bool
     adapts_tolerance: bool
 

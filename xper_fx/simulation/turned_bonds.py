@@ -30,9 +30,9 @@ LARGEST_TURN, FEW = np.radians(10.0), 1e-2
 class TurnedBonds(NamedTuple):
     """The sound bonds that have turned too far."""
 
-    angle: float  # that the one that has turned most has turned by (rad)
-    midpoint: np.ndarray  # of its facet at the start (m)
-    share: float  # of all bonds of the scene that may break
+    angle: float  #: that the one that has turned most has turned by (rad)
+    midpoint: np.ndarray  #: of its facet at the start (m)
+    share: float  #: of all bonds of the scene that may break
 
 
 class BondTurns:

@@ -37,17 +37,17 @@ _FACETS = 3.0
 class Verdict(NamedTuple):
     """The verdict of a run."""
 
-    # asked, estimated: relative errors of global quantities
+    #: asked, estimated: relative errors of global quantities
     asked: float
     estimated: float
-    reached: bool  # whether the estimate is within what was asked for
-    parts: dict[str, float]  # of the estimate by what makes them, largest first
-    # error of the bulk's stresses in the energy norm at the end (`bulk_resolution.py`), None where
-    # it is not known; energies err by its square
+    reached: bool  #: whether the estimate is within what was asked for
+    parts: dict[str, float]  #: of the estimate by what makes them, largest first
+    #: error of the bulk's stresses in the energy norm at the end (`bulk_resolution.py`), None where
+    #: it is not known; energies err by its square
     bulk: float | None
-    # that the shortest cohesive length of bonds that have weakened spans, None without
+    #: that the shortest cohesive length of bonds that have weakened spans, None without
     facets: float | None
-    # what limits the run and what to turn, a sentence's part each, largest first
+    #: what limits the run and what to turn, a sentence's part each, largest first
     limits: tuple[str, ...]
 
     @property

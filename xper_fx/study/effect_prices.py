@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from math import isfinite
 
 from xper_fx.scene.scene import Scene
+from xper_fx.study.definition import Setting, Study
 from xper_fx.study.quantities import Quantity
 from xper_fx.study.results import StudyResults, percent
-from xper_fx.study.study import Setting, Study
 from xper_fx.support.checks import require_kind
 
 SWITCHED_ON, LEFT_OUT = "switched on one by one", "one left out"
@@ -25,14 +25,15 @@ _PLAINEST = "plainest"
 class Price:
     """What an effect costs and what it is worth."""
 
-    effect: str  # its name; that of the plainest scene comes first
-    seconds: float  # of the run with it and those before
-    time_ratio: float  # over the plainest run's
-    memory: float  # peak of that run (bytes)
-    full_ratio: float  # time with all effects over time with all but this one; NaN if there is none
-    # of each quantity when it alone is left out, relative to all effects
+    effect: str  #: its name; that of the plainest scene comes first
+    seconds: float  #: of the run with it and those before
+    time_ratio: float  #: over the plainest run's
+    memory: float  #: peak of that run (bytes)
+    #: time with all effects over time with all but this one; NaN if there is none
+    full_ratio: float
+    #: of each quantity when it alone is left out, relative to all effects
     change: Mapping[str, float]
-    refused: str = ""  # why it cannot be left out, "" if it can
+    refused: str = ""  #: why it cannot be left out, "" if it can
 
 
 def effects_study(

@@ -119,11 +119,11 @@ def estimate_errors(
 class _Run(NamedTuple):
     """What a run gives."""
 
-    values: dict[str, Value]  # of the quantities
-    steps: int  # how many it takes
-    mean_step: float  # their mean size (s)
-    scheme: str | None  # of the bulk, None without any
-    estimated: float | None  # error that the run estimates of itself, None if it does not
+    values: dict[str, Value]  #: of the quantities
+    steps: int  #: how many it takes
+    mean_step: float  #: their mean size (s)
+    scheme: str | None  #: of the bulk, None without any
+    estimated: float | None  #: error that the run estimates of itself, None if it does not
 
 
 def _finer(

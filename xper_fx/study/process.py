@@ -39,14 +39,14 @@ _WARM_UP = 2
 class Job:
     """What one process does."""
 
-    build: Callable[..., Scene]  # makes the scene from `scene_parameters`
+    build: Callable[..., Scene]  #: makes the scene from `scene_parameters`
     scene_parameters: Mapping[str, Any]
-    simulation_parameters: Mapping[str, Any]  # of `Simulation`
-    # step over the critical step of the scene's explicit bulk, None to leave it
+    simulation_parameters: Mapping[str, Any]  #: of `Simulation`
+    #: step over the critical step of the scene's explicit bulk, None to leave it
     courant: float | None
-    fields: int  # number of times at which fields are written while time is measured
-    end_time: float  # s
-    quantities: Mapping[str, Quantity]  # by name
+    fields: int  #: number of times at which fields are written while time is measured
+    end_time: float  #: s
+    quantities: Mapping[str, Quantity]  #: by name
 
 
 class _Compiling(CompilationListener):

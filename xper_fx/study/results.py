@@ -99,12 +99,12 @@ class Run:
 class Saturation(NamedTuple):
     """From which value on tightening a parameter no longer lowers an error."""
 
-    parameter: str  # which
-    others: Setting  # the other parameters of these runs
-    value: Any  # from which on, None if every tightening still pays
-    error: float  # there
-    tightest: Any  # the tightest value tried
-    error_at_tightest: float  # there
+    parameter: str  #: which
+    others: Setting  #: the other parameters of these runs
+    value: Any  #: from which on, None if every tightening still pays
+    error: float  #: there
+    tightest: Any  #: the tightest value tried
+    error_at_tightest: float  #: there
 
 
 class StudyResults:

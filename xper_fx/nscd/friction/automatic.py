@@ -51,12 +51,12 @@ _RELAXATION, _RELAXATIONS = 1.3, (1.3, 0.8)
 class Course:
     """What was done, in order."""
 
-    solvers: list[str] = field(default_factory=list)  # names of the solvers used
-    sweeps: int = 0  # largest number of Gauss-Seidel sweeps over a component
-    # (solver, iterations so far, error) - of the whole for sweeps, else of the part that was left
-    # to the solver
+    solvers: list[str] = field(default_factory=list)  #: names of the solvers used
+    sweeps: int = 0  #: largest number of Gauss-Seidel sweeps over a component
+    #: (solver, iterations so far, error) - of the whole for sweeps, else of the part that was left
+    #: to the solver
     history: list[tuple[str, int, float]] = field(default_factory=list)
-    reasons: list[str] = field(default_factory=list)  # why, in words
+    reasons: list[str] = field(default_factory=list)  #: why, in words
 
     def note(self, solver: str, history) -> None:
         if solver not in self.solvers:

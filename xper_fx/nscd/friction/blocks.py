@@ -26,16 +26,16 @@ _SEED = 0
 class BlockProblem(NamedTuple):
     """A frictional contact problem by blocks: u_a = sum_b W_ab r_b + q_a."""
 
-    offsets: np.ndarray  # shape (n + 1,), first block of each contact's row
-    # shape (num_blocks,), contact of each block; sorted in a row, pattern symmetric
+    offsets: np.ndarray  #: shape (n + 1,), first block of each contact's row
+    #: shape (num_blocks,), contact of each block; sorted in a row, pattern symmetric
     columns: np.ndarray
-    blocks: np.ndarray  # shape (num_blocks, dim, dim)
-    # shape (n, dim (dim + 1) / 2), symmetric part of the diagonal blocks, packed
+    blocks: np.ndarray  #: shape (num_blocks, dim, dim)
+    #: shape (n, dim (dim + 1) / 2), symmetric part of the diagonal blocks, packed
     diagonal: np.ndarray
-    q: np.ndarray  # shape (n, dim)
-    mu: np.ndarray  # shape (n,)
-    # shape (num_components + 1,), first contact of each component; all contacts are one where they
-    # are sorted by colour
+    q: np.ndarray  #: shape (n, dim)
+    mu: np.ndarray  #: shape (n,)
+    #: shape (num_components + 1,), first contact of each component; all contacts are one where they
+    #: are sorted by colour
     components: np.ndarray
 
     @property
@@ -46,10 +46,11 @@ class BlockProblem(NamedTuple):
 class Stored(NamedTuple):
     """A problem ready to be solved, and its way back."""
 
-    problem: BlockProblem  # scaled and sorted
-    scale: float  # s / m, the unit of the impulses (N s); m = 1 where W is zero, s = 1 where q is
-    places: np.ndarray  # shape (n,), contact a of `problem` is contact `places[a]` of the given one
-    # shape (num_colors + 1,), first contact of each colour; None unless sorted by it
+    problem: BlockProblem  #: scaled and sorted
+    scale: float  #: s / m, the unit of the impulses (N s); m = 1 where W is zero, s = 1 where q is
+    #: shape (n,), contact a of `problem` is contact `places[a]` of the given one
+    places: np.ndarray
+    #: shape (num_colors + 1,), first contact of each colour; None unless sorted by it
     colors: np.ndarray | None
 
 

@@ -86,11 +86,11 @@ def natural_error(problem: BlockProblem, r: np.ndarray) -> float:
 class Errors(NamedTuple):
     """The error of given impulses, and its parts."""
 
-    error: float  # unit-free natural-map error (module docstring)
-    siconos_error: float  # Siconos's natural-map error
-    penetration: float  # largest -u_N, or 0 (m/s)
-    complementarity: float  # largest |u_N r_N| (J)
-    cone_violation: float  # largest |r_T| - mu r_N, or 0 (N s)
+    error: float  #: unit-free natural-map error (module docstring)
+    siconos_error: float  #: Siconos's natural-map error
+    penetration: float  #: largest -u_N, or 0 (m/s)
+    complementarity: float  #: largest |u_N r_N| (J)
+    cone_violation: float  #: largest |r_T| - mu r_N, or 0 (N s)
 
 
 @cache

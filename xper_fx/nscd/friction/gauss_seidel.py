@@ -54,17 +54,17 @@ class Sweeps(NamedTuple):
 class Iterate(NamedTuple):
     """Where sweeps over a problem are."""
 
-    r: np.ndarray  # shape (n, dim), impulses of the moment
-    factors: np.ndarray  # shape (n, num_factors), what the local solver keeps of each contact
-    # shape (n,), bool: contacts whose neighbours have moved since their last visit
+    r: np.ndarray  #: shape (n, dim), impulses of the moment
+    factors: np.ndarray  #: shape (n, num_factors), what the local solver keeps of each contact
+    #: shape (n,), bool: contacts whose neighbours have moved since their last visit
     dirty: np.ndarray
 
 
 class Stop(NamedTuple):
     """When sweeps end."""
 
-    limit: float  # sum over all contacts of |F|^2 that is wanted (`error.py`)
-    # max_sweeps, patience: as of `sweep`
+    limit: float  #: sum over all contacts of |F|^2 that is wanted (`error.py`)
+    #: max_sweeps, patience: as of `sweep`
     max_sweeps: int
     patience: float
 
@@ -72,11 +72,11 @@ class Stop(NamedTuple):
 class Progress(NamedTuple):
     """What sweeps write of themselves."""
 
-    # sweeps, converged: shape (num_components,), as of `Sweeps`
+    #: sweeps, converged: shape (num_components,), as of `Sweeps`
     sweeps: np.ndarray
     converged: np.ndarray
-    # shape (2, k), sum of |F|^2 at 16, 32, 64, ... sweeps of the components under way, and of those
-    # left since.
+    #: shape (2, k), sum of |F|^2 at 16, 32, 64, ... sweeps of the components under way, and of
+    #: those left since.
     history: np.ndarray
 
 

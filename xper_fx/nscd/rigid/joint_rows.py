@@ -40,22 +40,22 @@ _LEAST = 1e-6
 class Row(NamedTuple):
     """A row in space as the bodies are placed."""
 
-    kind: int  # PLANE, LENGTH, TURN, ALIGN or TWIST
-    law: Law  # of its gap
-    ends: np.ndarray  # points of a and b, shape (2, dim), m
-    # two of a and one of b, shape (3, dim), unit: d, e and c. PLANE takes the first, ALIGN the
-    # others, at right angles; TWIST all, e and c the same and at right angles to d.
+    kind: int  #: PLANE, LENGTH, TURN, ALIGN or TWIST
+    law: Law  #: of its gap
+    ends: np.ndarray  #: points of a and b, shape (2, dim), m
+    #: two of a and one of b, shape (3, dim), unit: d, e and c. PLANE takes the first, ALIGN the
+    #: others, at right angles; TWIST all, e and c the same and at right angles to d.
     directions: np.ndarray
-    sign: float = 1.0  # s
-    offset: float = 0.0  # g0, or L of a length (m, rad)
+    sign: float = 1.0  #: s
+    offset: float = 0.0  #: g0, or L of a length (m, rad)
 
 
 class Place(NamedTuple):
     """Rows where the bodies have been moved to."""
 
-    gap: np.ndarray  # shape (n,), m or rad
-    normal: np.ndarray  # shape (n, dim)
-    arms: np.ndarray  # from the centres of b and a, shape (n, 2, dim), m; zero of rows on spins
+    gap: np.ndarray  #: shape (n,), m or rad
+    normal: np.ndarray  #: shape (n, dim)
+    arms: np.ndarray  #: from the centres of b and a, shape (n, 2, dim), m; zero of rows on spins
 
 
 class JointRows:

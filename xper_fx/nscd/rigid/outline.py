@@ -33,11 +33,11 @@ _MOST_SEGMENTS = 10_000
 class Outline(NamedTuple):
     """Triangles of all bodies; points and cells are sorted by body."""
 
-    points: np.ndarray  # in the axes of their body, about its centre of mass, shape (p, dim), m
-    cells: np.ndarray  # points of the triangles, shape (t, 3), int32
-    body_of_point: np.ndarray  # shape (p,), int32
-    body_of_cell: np.ndarray  # shape (t,), int32
-    # piece_of_point, piece_of_cell: convex piece of a body (`ShapeTables`), int32
+    points: np.ndarray  #: in the axes of their body, about its centre of mass, shape (p, dim), m
+    cells: np.ndarray  #: points of the triangles, shape (t, 3), int32
+    body_of_point: np.ndarray  #: shape (p,), int32
+    body_of_cell: np.ndarray  #: shape (t,), int32
+    #: piece_of_point, piece_of_cell: convex piece of a body (`ShapeTables`), int32
     piece_of_point: np.ndarray
     piece_of_cell: np.ndarray
 

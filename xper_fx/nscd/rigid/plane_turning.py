@@ -13,11 +13,12 @@ from xper_fx.nscd.rigid.bodies import RigidBodies
 class Turn(NamedTuple):
     """Where bodies have turned to, and how they spin; s = 1 in 2D, 3 in 3D."""
 
-    # angles, shape (n,), rad (2D); matrices from body to space, (n, 3, 3) (3D)
+    #: angles, shape (n,), rad (2D); matrices from body to space, (n, 3, 3) (3D)
     rotation: np.ndarray
-    momentum: np.ndarray  # angular momentum about the centre of mass, in space, shape (n, s), N m s
-    spin: np.ndarray  # in space, shape (n, s), rad/s
-    inertia: np.ndarray  # in space, shape (n, s, s), kg m^2
+    #: angular momentum about the centre of mass, in space, shape (n, s), N m s
+    momentum: np.ndarray
+    spin: np.ndarray  #: in space, shape (n, s), rad/s
+    inertia: np.ndarray  #: in space, shape (n, s, s), kg m^2
 
 
 class PlaneTurning:

@@ -56,8 +56,8 @@ class Shape(Protocol):
 class Piece(NamedTuple):
     """A convex shape of a body."""
 
-    shape: Shape  # with the axes of the body
-    # of its centroid from the body's centre of mass, in the body's axes, (dim,), m
+    shape: Shape  #: with the axes of the body
+    #: of its centroid from the body's centre of mass, in the body's axes, (dim,), m
     offset: np.ndarray
 
 

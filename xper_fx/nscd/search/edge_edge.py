@@ -102,9 +102,9 @@ def _recedes(n, sign, direction, facet_normal, turn):
 class Crossings(NamedTuple):
     """Contacts of edges; the first `found` rows."""
 
-    pair: np.ndarray  # shape (n,), int32, of those that were looked at
-    weights: np.ndarray  # share of the second node of each edge, shape (n, 2)
-    # normal, gap, area: shape (n, 3), (n,), (n,); m, m^2
+    pair: np.ndarray  #: shape (n,), int32, of those that were looked at
+    weights: np.ndarray  #: share of the second node of each edge, shape (n, 2)
+    #: normal, gap, area: shape (n, 3), (n,), (n,); m, m^2
     normal: np.ndarray
     gap: np.ndarray
     area: np.ndarray

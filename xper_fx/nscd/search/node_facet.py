@@ -99,26 +99,26 @@ class _Ways(NamedTuple):
 class Touching(NamedTuple):
     """Contacts of points with facets; the first `found` rows."""
 
-    # point, facet: shape (n,), int32
+    #: point, facet: shape (n,), int32
     point: np.ndarray
     facet: np.ndarray
-    slot: np.ndarray  # counts the contacts of a point with a fragment, shape (n,), int64
-    weights: np.ndarray  # of the facet's nodes, shape (n, dim)
-    normal: np.ndarray  # out of the facet, shape (n, dim)
-    gap: np.ndarray  # m, shape (n,)
-    # m^2 (2D: m), shape (n,): of a node what faces the contact, else the facet's share
+    slot: np.ndarray  #: counts the contacts of a point with a fragment, shape (n,), int64
+    weights: np.ndarray  #: of the facet's nodes, shape (n, dim)
+    normal: np.ndarray  #: out of the facet, shape (n, dim)
+    gap: np.ndarray  #: m, shape (n,)
+    #: m^2 (2D: m), shape (n,): of a node what faces the contact, else the facet's share
     area: np.ndarray
 
 
 class Points(NamedTuple):
     """Points that may touch facets."""
 
-    position: np.ndarray  # shape (p, dim), m; with `meshed` these are the nodes
-    radius: np.ndarray  # of each point, shape (p,), m: that of the disc or sphere around it
-    # direction out of the solid at each point, shape (p, dim), zero if it has none; not read with
-    # `meshed`, where a node's own facets say it
+    position: np.ndarray  #: shape (p, dim), m; with `meshed` these are the nodes
+    radius: np.ndarray  #: of each point, shape (p,), m: that of the disc or sphere around it
+    #: direction out of the solid at each point, shape (p, dim), zero if it has none; not read with
+    #: `meshed`, where a node's own facets say it
     outward: np.ndarray
-    meshed: bool  # whether points are nodes. Others touch no vertex: that node finds them.
+    meshed: bool  #: whether points are nodes. Others touch no vertex: that node finds them.
 
 
 def room_for(count: int, dim: int) -> Touching:

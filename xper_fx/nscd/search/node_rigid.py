@@ -87,8 +87,8 @@ def closest_on_face(y, vertices, first, loop, face_normal, height, q):
 class OnRigid(NamedTuple):
     """Contacts of nodes with rigid bodies; the first `found` rows."""
 
-    pair: np.ndarray  # shape (n,), int32, of those that were looked at
-    # normal, gap, area: shape (n, dim), (n,), (n,); m, m^2 (2D: m)
+    pair: np.ndarray  #: shape (n,), int32, of those that were looked at
+    #: normal, gap, area: shape (n, dim), (n,), (n,); m, m^2 (2D: m)
     normal: np.ndarray
     gap: np.ndarray
     area: np.ndarray

@@ -23,13 +23,13 @@ from xper_fx.nscd.rigid.bodies import ShapeTables
 class Overlap(NamedTuple):
     """Room for an overlap and for clipping it."""
 
-    place: np.ndarray  # shape (2, room, 3), corners (u, w, h): the overlap in [0]
-    edge: np.ndarray  # shape (2, room), int64, the edge that leaves a corner; clipping edges as ~e
-    # shape (2, room, 2), int64, edges that cross at a corner: incident and reference
+    place: np.ndarray  #: shape (2, room, 3), corners (u, w, h): the overlap in [0]
+    edge: np.ndarray  #: shape (2, room), int64, the edge that leaves a corner; clipping edges as ~e
+    #: shape (2, room, 2), int64, edges that cross at a corner: incident and reference
     crossed: np.ndarray
-    name: np.ndarray  # shape (room,), int64
-    gap: np.ndarray  # shape (room,)
-    kept: np.ndarray  # shape (room,), int64, corners that are kept
+    name: np.ndarray  #: shape (room,), int64
+    gap: np.ndarray  #: shape (room,)
+    kept: np.ndarray  #: shape (room,), int64, corners that are kept
 
 
 def overlap_room(tables: ShapeTables) -> Overlap:

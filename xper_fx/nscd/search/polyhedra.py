@@ -81,10 +81,10 @@ def _part(kind: type, tables: ShapeTables) -> NamedTuple:
 class Touching(NamedTuple):
     """Room for two points that face each other."""
 
-    # on_a, on_b: shape (2, 3), on the first body and on the second (m)
+    #: on_a, on_b: shape (2, 3), on the first body and on the second (m)
     on_a: np.ndarray
     on_b: np.ndarray
-    name: np.ndarray  # shape (2,), int64, as in `overlap`
+    name: np.ndarray  #: shape (2,), int64, as in `overlap`
 
 
 @njit(**MERGED)
@@ -397,12 +397,12 @@ def _closest_vertices_edges(touching, corners, tables, bodies, offset, n, near, 
 class _Pointed(NamedTuple):
     """Room for pairs whose faces do not overlap, each with one point on either body."""
 
-    # shape (n, 4), int64: a, b, the name of the point, as in `overlap`, and whether it is where two
-    # edges cross
+    #: shape (n, 4), int64: a, b, the name of the point, as in `overlap`, and whether it is where
+    #: two edges cross
     which: np.ndarray
-    # shape (n, 3, 3), the points of a and b about the centre of b (m), and the normal from b to a
+    #: shape (n, 3, 3), the points of a and b about the centre of b (m), and the normal from b to a
     vectors: np.ndarray
-    separation: np.ndarray  # shape (n,), along the normal (m)
+    separation: np.ndarray  #: shape (n,), along the normal (m)
 
 
 class _Room(NamedTuple):
