@@ -474,10 +474,7 @@ def explode(
 
 
 def _explode_share(
-    mesh: Mesh,
-    bodies: str | npt.ArrayLike,
-    cell_tags: MeshTags | None,
-    facet_tags: MeshTags | None,
+    mesh: Mesh, bodies: str | npt.ArrayLike, cell_tags: MeshTags | None, facet_tags: MeshTags | None
 ) -> Bodies:
     """Cut what this rank knows of a mesh that is spread; all ranks call it together."""
     from xper_fx.bodies.spread import UNTAGGED, Spread, known_cells

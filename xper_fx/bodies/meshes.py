@@ -12,14 +12,7 @@ from typing import Any
 import basix
 import numpy as np
 import numpy.typing as npt
-from dolfinx.mesh import (
-    CellType,
-    DiagonalType,
-    Mesh,
-    MeshTags,
-    create_rectangle,
-    meshtags,
-)
+from dolfinx.mesh import CellType, DiagonalType, Mesh, MeshTags, create_rectangle, meshtags
 from mpi4py import MPI
 
 from xper_fx.bodies.gmsh_session import gmsh_model

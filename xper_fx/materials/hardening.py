@@ -67,8 +67,7 @@ class Linear:
         """See `Hardening`."""
         K0, H = constant(yield_stress), constant(self.modulus)
         return Curve(
-            lambda alpha: K0 + H * alpha,
-            lambda q, m, alpha: (q - K0 - H * alpha) / (m + H),
+            lambda alpha: K0 + H * alpha, lambda q, m, alpha: (q - K0 - H * alpha) / (m + H)
         )
 
 

@@ -138,10 +138,7 @@ EFFECTS = (
         ("turning frames",),
     ),
     Effect(
-        "rigid bodies",
-        lambda s: s.rigid is not None,
-        lambda s: s.rigid.nbytes,
-        ("rigid bodies",),
+        "rigid bodies", lambda s: s.rigid is not None, lambda s: s.rigid.nbytes, ("rigid bodies",)
     ),
     Effect("clusters", _has_clusters, lambda s: s.scene.rigid_bodies.shapes.offset.nbytes),
     Effect(
@@ -173,11 +170,7 @@ EFFECTS = (
     _of_laws("rolling resistance"),
     _of_laws("perfect bond"),
     Effect("fields", lambda s: any(map(fields_of, s.model.points.laws))),
-    Effect(
-        "periodicity",
-        _is_meshed_cell,
-        lambda s: s.bulk.unknowns.nbytes,
-    ),
+    Effect("periodicity", _is_meshed_cell, lambda s: s.bulk.unknowns.nbytes),
     Effect(
         "macroscopic control",
         _is_meshed_cell,
@@ -185,8 +178,7 @@ EFFECTS = (
         ("macroscopic averages",),
     ),
     Effect(
-        "mean stress given",
-        lambda s: _is_meshed_cell(s) and len(s.scene.macroscopic.stress) > 0,
+        "mean stress given", lambda s: _is_meshed_cell(s) and len(s.scene.macroscopic.stress) > 0
     ),
     Effect("lattice of rigid bodies", lambda s: s.scene.lattice is not None),
     Effect(

@@ -473,10 +473,7 @@ def plot_cracks(
             points, triangles, material = mesh
             moved = points + magnification * np.asarray(panel.displacement)[:, :2]
             materials = _draw_materials(
-                axes,
-                moved[triangles] / scale,
-                material,
-                names or {1: "matrix", 2: "inclusion"},
+                axes, moved[triangles] / scale, material, names or {1: "matrix", 2: "inclusion"}
             )
             lips = panel.deformed_lips(magnification) / scale
             kind_of = np.asarray(panel.crack_kind).reshape(-1)
@@ -632,11 +629,7 @@ def plot_energies(
     def draw(figure: "Figure", rows: npt.NDArray[Any]) -> None:
         upper, lower = rows
         upper.plot(
-            x,
-            data["external_work"] / energy_unit[1],
-            color="black",
-            lw=2.0,
-            label="external work",
+            x, data["external_work"] / energy_unit[1], color="black", lw=2.0, label="external work"
         )
         for column in terms:
             label, colour = _ENERGY_TERMS[column]

@@ -287,9 +287,7 @@ class Model:
             from xper_fx.bulk.monolithic_scheme import MonolithicScheme
 
             Scheme = partial(
-                MonolithicScheme,
-                gives_up=options.may_leave_one_system,
-                jumps=options.path is None,
+                MonolithicScheme, gives_up=options.may_leave_one_system, jumps=options.path is None
             )
         else:
             from xper_fx.bulk.implicit import ImplicitScheme as Scheme

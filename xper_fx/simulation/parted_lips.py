@@ -67,10 +67,7 @@ class PartedLips:
         self._side = np.sign(np.einsum("ld,ld->l", own, self._normals[:, 0]))
 
     def release(
-        self,
-        interactions: Interactions,
-        each: int,
-        moved: Callable[[], np.ndarray],
+        self, interactions: Interactions, each: int, moved: Callable[[], np.ndarray]
     ) -> None:
         """After a step, let the search take over the broken lips that have parted or turned.
 

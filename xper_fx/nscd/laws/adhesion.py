@@ -29,14 +29,7 @@ from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.bond import Bond
 from xper_fx.nscd.laws.curves.curve import CurveFunctions
-from xper_fx.nscd.laws.damage_curve import (
-    BETA0,
-    C_N,
-    C_T,
-    DAMAGE,
-    shape_column,
-    stiffness_along,
-)
+from xper_fx.nscd.laws.damage_curve import BETA0, C_N, C_T, DAMAGE, shape_column, stiffness_along
 from xper_fx.nscd.laws.parameters import take_parameters
 from xper_fx.nscd.laws.weakening import Weakening, falls_below, one_curve
 

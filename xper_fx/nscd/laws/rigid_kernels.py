@@ -27,14 +27,7 @@ from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.contact_losses import contact_losses
 from xper_fx.nscd.laws.contact_solver import contact_solver
-from xper_fx.nscd.laws.damage_curve import (
-    BETA0,
-    C_N,
-    C_T,
-    DAMAGE,
-    OPENING_MAX,
-    damage_functions,
-)
+from xper_fx.nscd.laws.damage_curve import BETA0, C_N, C_T, DAMAGE, OPENING_MAX, damage_functions
 from xper_fx.nscd.laws.friction_of_lips import Friction, friction_by_damage
 from xper_fx.nscd.laws.impact import least_speed
 from xper_fx.nscd.laws.law import (

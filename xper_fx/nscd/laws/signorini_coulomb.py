@@ -55,13 +55,7 @@ from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.law import CoulombPoints, LawKernels
-from xper_fx.nscd.laws.parameters import (
-    Values,
-    acts,
-    is_field,
-    refuse_where,
-    take_parameters,
-)
+from xper_fx.nscd.laws.parameters import Values, acts, is_field, refuse_where, take_parameters
 
 # Columns of terms; all but the first are there with friction alone.
 _V_MIN, _MU, _BOUND, _SHIFT = 0, 1, 2, 3
@@ -217,11 +211,7 @@ def check_contact(contact: str, restitution: Any) -> None:
 
 @cache
 def contact_kernels(
-    dim: int,
-    friction: bool,
-    contact: str,
-    rebounds_along: bool = False,
-    rolls: bool = False,
+    dim: int, friction: bool, contact: str, rebounds_along: bool = False, rolls: bool = False
 ) -> LawKernels:
     """The kernels of unilateral contact, compiled for what the arguments call for."""
     components = dim if friction else 1

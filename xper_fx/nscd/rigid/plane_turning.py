@@ -38,8 +38,7 @@ class PlaneTurning:
     def drift(self, size: float, turn: Turn) -> Turn:
         """Bodies after a time `size` (s) without torques."""
         return turn._replace(
-            rotation=turn.rotation + size * turn.spin[:, 0],
-            momentum=self.inertia[:, 0] * turn.spin,
+            rotation=turn.rotation + size * turn.spin[:, 0], momentum=self.inertia[:, 0] * turn.spin
         )
 
     def turned(self, angle: np.ndarray, turn: Turn) -> Turn:
