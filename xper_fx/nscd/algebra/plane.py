@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Vectors (n, t) and symmetric matrices (nn, nt, tt); see `small.py`."""
 
-from __future__ import annotations
-
 from xper_fx.cache import njit
 
 

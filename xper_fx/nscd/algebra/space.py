@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Vectors (n, t1, t2) and symmetric matrices (nn, n1, n2, 11, 12, 22); see `small.py`."""
 
-from __future__ import annotations
-
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 
