@@ -513,9 +513,11 @@ def arch(stones: int) -> xf.Scene:
     loaded = -np.cos(np.pi * (stones // 4 + np.arange(2)) / stones)
     tags = {
         BOTTOM: lambda x: x[1] < 1e-9,
-        TOP: lambda x: (np.hypot(*x[:2]) > inner + 0.9 * thick)
-        & (x[0] > (inner + thick) * loaded[0] - 1e-9)
-        & (x[0] < (inner + thick) * loaded[1] + 1e-9),
+        TOP: lambda x: (
+            (np.hypot(*x[:2]) > inner + 0.9 * thick)
+            & (x[0] > (inner + thick) * loaded[0] - 1e-9)
+            & (x[0] < (inner + thick) * loaded[1] + 1e-9)
+        ),
     }
     return xf.Scene(
         xf.explode(mesh, stone.astype(int), facet_tags=xf.tag_facets(mesh, tags)),
