@@ -19,18 +19,13 @@ from xper_fx.nscd.points import InteractionPoints
 
 
 class FoundPoints(NamedTuple):
-    """Contacts that a search has found.
+    """Contacts that a search has found."""
 
-    Attributes:
-        points: on the node slots, `gap` in the middle of the step, at x0 + h (1 - theta) v0.
-        law_of_point: shape (num_points,), index into the laws.
-        keys: shape (num_points, 2), what contacts are known by from step to step, sorted.
-        spin_arms: as of `spin_arms` of the search; None where no side is meshed, or none is asked.
-    """
-
+    #: on the node slots, `gap` in the middle of the step, at x0 + h (1 - theta) v0
     points: InteractionPoints
-    law_of_point: np.ndarray
-    keys: np.ndarray
+    law_of_point: np.ndarray  #: shape (num_points,), index into the laws
+    keys: np.ndarray  #: shape (num_points, 2), what contacts are known by from step to step, sorted
+    #: as of `spin_arms` of the search; None where no side is meshed, or none is asked
     spin_arms: np.ndarray | None = None
 
 

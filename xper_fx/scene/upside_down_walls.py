@@ -24,7 +24,6 @@ def check_walls_look_at_bodies(
 
     Args:
         contacts: of the scene, which name groups that there are.
-        bodies: its rigid bodies.
         surfaces: nodes of the meshed bodies of each surface, shape (n, dim), m, by its name.
         ranks: that know nodes of these surfaces; they call it together.
 

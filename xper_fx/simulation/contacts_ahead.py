@@ -28,7 +28,6 @@ def surface_contacts(
     """The contacts of surfaces, without those of tools that are open and stay so.
 
     Args:
-        search: of the surfaces.
         x: positions of the nodes, shape (num_nodes, dim), m.
         rigid: of the rigid bodies, None without any.
         ahead: time for which driven tools go on (s), 0 where bodies have inertia.

@@ -35,7 +35,6 @@ class PartedLips:
     Args:
         search: of contacts of the surfaces, whose bonds are the facing facets.
         x: shape (num_nodes, dim), nodes of the surfaces at the start (m).
-        facets: facing facets.
         with_points: numbers of those that have points.
         numbers: shape (len(with_points),), ascending: what these are among those of all ranks.
         taken: shape (len(with_points),), bool: those of them that the search may take over.
@@ -68,10 +67,7 @@ class PartedLips:
         self._side = np.sign(np.einsum("ld,ld->l", own, self._normals[:, 0]))
 
     def release(
-        self,
-        interactions: Interactions,
-        each: int,
-        moved: Callable[[], np.ndarray],
+        self, interactions: Interactions, each: int, moved: Callable[[], np.ndarray]
     ) -> None:
         """After a step, let the search take over the broken lips that have parted or turned.
 

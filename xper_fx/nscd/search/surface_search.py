@@ -152,10 +152,7 @@ class SurfaceSearch:
         self.lists.forget_edges()
 
     def find(
-        self,
-        x: np.ndarray,
-        position: np.ndarray | None = None,
-        rotation: np.ndarray | None = None,
+        self, x: np.ndarray, position: np.ndarray | None = None, rotation: np.ndarray | None = None
     ) -> Contacts:
         """The contacts whose gap is no larger than the reach.
 
