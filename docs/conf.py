@@ -11,6 +11,8 @@ import os
 import sys
 from pathlib import Path
 
+from sphinx.pycode import ModuleAnalyzer
+
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE)]
 # Compiled kernels are then plain functions, whose signatures and docstrings autodoc reads.
@@ -73,8 +75,12 @@ def write_pages(app):
 
 
 def is_alias(app, what, name, thing, skip, options):
-    """Leave out the members of named tuples, which say no more than the number of their field."""
-    return True if str(getattr(thing, "__doc__", "")).startswith("Alias for field number") else None
+    """Leave out the fields of named tuples of which nothing is told but their number."""
+    if not str(getattr(thing, "__doc__", "")).startswith("Alias for field number"):
+        return None
+    here = app.env.temp_data
+    told = ModuleAnalyzer.for_module(here["autodoc:module"]).find_attr_docs()
+    return None if (here["autodoc:class"], name) in told else True
 
 
 def setup(app):

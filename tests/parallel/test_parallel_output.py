@@ -30,7 +30,7 @@ def run(count, last, *options):
 def folders(tmp_path_factory):
     """Whole runs on one rank and on two; one stopped on two that goes on, on two and on three."""
     base = tmp_path_factory.mktemp("recorded")
-    recorded.run(str(base / "one"), 12, rigid=False, restart=False)
+    recorded.run(str(base / "one"), 12, restart=False)
     run(2, {base / "two": 12, base / "stopped": 7})
     shutil.copytree(base / "stopped", base / "again")
     shutil.copytree(base / "stopped", base / "elsewhere")
@@ -106,3 +106,18 @@ def test_rigid_bodies_go_on_on_the_ranks_that_had_them(tmp_path):
     run(2, {stopped: 60}, "rigid", "restart")
     assert read_history(whole / "history.csv")["dissipated_impact"][44] > 0.0
     assert (whole / "history.csv").read_bytes() == (stopped / "history.csv").read_bytes()
+
+
+def test_a_cell_that_stress_drives_goes_on_on_any_number_of_ranks(tmp_path):
+    """The rate of its gradient is common to all; contacts go on with their impulses."""
+    whole, stopped = tmp_path / "whole", tmp_path / "stopped"
+    run(2, {whole: 60, stopped: 50}, "cell")
+    for count in (1, 2, 3):
+        again = shutil.copytree(stopped, tmp_path / f"on_{count}")
+        run(count, {again: 60}, "cell", "restart")
+        histories = [read_history(folder / "history.csv") for folder in (whole, again)]
+        for name in ("kinetic", "external_work", "dissipated_impact", "P22", "F11"):
+            expected, found = (history[name] for history in histories)
+            assert np.abs(expected[50:] - expected[49]).max() > 0.0, name
+            limit = 0.0 if count == 2 else 1e-8 * np.abs(expected).max()
+            np.testing.assert_allclose(found, expected, rtol=0, atol=limit, err_msg=name)

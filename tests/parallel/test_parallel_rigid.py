@@ -11,9 +11,12 @@ from on_ranks import on_ranks
 
 pytestmark = pytest.mark.ranks
 
-OF_TWO = ("bricks", "clouds", "falling", "shear", "glued", "ropes", "gas", "sheared")
-OF_THREE = ("bricks", "hard_bricks", "ropes", "sheared")
-SCENES = {1: (*OF_TWO, "hard_bricks"), 2: OF_TWO, 3: OF_THREE}
+CELLS = ("sheared", "pressed", "squeezed")
+OF_TWO = ("bricks", "clouds", "falling", "shear", "glued", "ropes", "gas", *CELLS)
+# that take more sweeps than are tried together
+HARD = ("hard_bricks", "hard_pressed")
+OF_THREE = ("bricks", "ropes", *HARD, *CELLS)
+SCENES = {1: (*OF_TWO, *HARD), 2: OF_TWO, 3: OF_THREE}
 several = pytest.mark.parametrize("count", [2, 3])
 scenes = pytest.mark.parametrize(
     ("count", "scene"), [(count, scene) for count in (2, 3) for scene in SCENES[count]]
@@ -38,8 +41,7 @@ def found(tmp_path_factory):
 def test_contacts_are_divided_and_states_the_same_bits(found, scene, count):
     result = found(count)
     assert result[f"{scene}/partitions"] >= 1
-    # hard_bricks take more sweeps than are tried together
-    assert result[f"{scene}/undivided"] == (scene == "hard_bricks")
+    assert result[f"{scene}/undivided"] == (scene in HARD)
     assert result[f"{scene}/alike"]
 
 
@@ -115,20 +117,27 @@ def test_joints_are_on_the_rank_of_their_bodies(found, count):
 @several
 def test_the_stress_of_a_cell_is_that_of_all_contacts(found, count):
     """Images of a body are where it is; each rank has the impulses that all give the cell."""
-    expected = found(1)["sheared/stress"]
-    assert np.linalg.eigvalsh(expected + expected.T).max() < -1e4  # grains press each other
-    assert found(1)["sheared/pushed"] > 500
-    np.testing.assert_allclose(
-        found(count)["sheared/stress"], expected, rtol=0, atol=1e-8 * np.abs(expected).max()
-    )
+    for scene, pushed in (("sheared", 500), ("pressed", 300), ("squeezed", 1000)):
+        expected = found(1)[f"{scene}/stress"]
+        assert np.linalg.eigvalsh(expected + expected.T).max() < -1e3  # grains press each other
+        assert found(1)[f"{scene}/pushed"] > pushed
+        scale = np.abs(expected).max()
+        np.testing.assert_allclose(
+            found(count)[f"{scene}/stress"], expected, rtol=0, atol=1e-8 * scale
+        )
 
 
 @several
-def test_a_cell_that_stress_drives_is_whole_on_each_rank(tmp_path, count):
-    done = on_ranks(count, "ranks/rigid_bodies.py", tmp_path / "whole.npz", "pressed")
-    assert done.returncode == 0, done.stdout
-    assert "as it has rigid bodies in a periodic cell that stress drives" in done.stdout
-    assert np.load(tmp_path / "whole.npz")["pressed/own"].min() > 0
+def test_all_contacts_move_the_cell_that_stress_drives(found, count):
+    """Copies of its rate are one, and what contacts give it is added up over the ranks."""
+    for scene in ("pressed", "squeezed"):
+        expected = found(1)[f"{scene}/gradient"]
+        assert np.abs(expected - np.eye(len(expected))).max() > 0.01
+        np.testing.assert_allclose(found(count)[f"{scene}/gradient"], expected, rtol=0, atol=1e-10)
+        assert min(found(count)[f"{scene}/own"]) > 5
+        # mass splitting takes hardly more sweeps
+        sweeps = [found(ranks)[f"{scene}/records"][:, -1].sum() for ranks in (count, 1)]
+        assert sweeps[0] < 1.3 * sweeps[1]
 
 
 def test_bodies_change_their_ranks(found):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Recorded runs of all ranks, one after the other: FOLDER=LAST ... [rigid] [restart].
+"""Recorded runs of all ranks, one after the other: FOLDER=LAST ... [rigid | cell] [restart].
 
 A signal ends the run into a folder named "signalled", of which one rank alone hears.
 """
@@ -8,7 +8,7 @@ import signal
 import sys
 
 from meshed_scenes import blocks
-from rigid_bodies import clouds
+from rigid_bodies import clouds, pressed
 from scenes import LEFT, RIGHT
 
 from xper_fx.output.gauges import TensileGauge
@@ -19,12 +19,13 @@ from xper_fx.parallel.launch import run_together
 from xper_fx.simulation.simulation import Simulation
 
 SIGNALLED = 45
+RIGID = {"rigid": clouds, "cell": pressed}
 
 
-def run(folder: str, last: int, rigid: bool, restart: bool) -> None:
+def run(folder: str, last: int, restart: bool, rigid: str | None = None) -> None:
     if rigid:
         rigid_division._FEW = 0
-        simulation, steps, gauge = clouds(), 60, None
+        simulation, steps, gauge = RIGID[rigid](), 60, None
     else:
         scene, options, steps = blocks()
         simulation, gauge = Simulation(scene, **options), TensileGauge(LEFT, RIGHT, 0, 1.0, 1.0)
@@ -38,10 +39,11 @@ def run(folder: str, last: int, rigid: bool, restart: bool) -> None:
 
 
 def main() -> None:
+    rigid = next((name for name in RIGID if name in sys.argv), None)
     for argument in sys.argv[1:]:
         if "=" in argument:
             folder, last = argument.rsplit("=", 1)
-            run(folder, int(last), "rigid" in sys.argv, "restart" in sys.argv)
+            run(folder, int(last), "restart" in sys.argv, rigid)
 
 
 if __name__ == "__main__":

@@ -212,20 +212,52 @@ def sheared() -> Simulation:
     return Simulation(scene, 2e-3, tolerance=1e-12, num_threads=1, solver="nlgs")
 
 
-def pressed() -> Simulation:
-    """Such grains in a periodic cell that stress drives along one axis."""
-    drive = MacroscopicDrive(gradient={"11": 1.0, "12": 0.0, "21": 0.0}, stress={"22": -1.0})
+def pressed(**options) -> Simulation:
+    """Such grains in a periodic cell that stress presses together while it is sheared."""
+    law = SignoriniCoulomb(friction=0.3, restitution=0.5)
+    drive = MacroscopicDrive(
+        rate={"12": lambda t: 1.0 + t}, gradient={"21": 0.0},
+        stress={"11": -2e3, "22": lambda t: -4e3 * (1.0 + t)},
+    )  # fmt: skip
     scene = Scene(
         rigid=packed(7), lattice=(7 * 0.21, 7 * 0.21), macroscopic=drive,
-        contacts=[Contact(("grains", "grains"), SignoriniCoulomb())],
+        contacts=[Contact(("grains", "grains"), law)],
     )  # fmt: skip
-    return Simulation(scene, 2e-3, num_threads=1)
+    return Simulation(scene, 2e-3, tolerance=1e-12, num_threads=1, **({"solver": "nlgs"} | options))
+
+
+def hard_pressed() -> Simulation:
+    """The same with so few sweeps together that each rank goes on alone, with all contacts."""
+    return pressed(solver="auto", max_sweeps=1000)
+
+
+def squeezed() -> Simulation:
+    """Spheres in a periodic cell in space that is pressed from all sides and may be sheared."""
+    random = np.random.default_rng(11)
+    bodies = [
+        RigidBody(
+            Sphere(RADIUS * random.uniform(0.8, 1.0)),
+            0.21 * np.array(place) + 0.005 * random.uniform(-1.0, 1.0, 3),
+            "grains", density=1000.0, velocity=0.5 * random.normal(size=3),
+        )
+        for place in np.ndindex(3, 3, 4)
+    ]  # fmt: skip
+    drive = MacroscopicDrive(
+        gradient={"21": 0.0, "31": 0.0, "32": 0.0, "23": 0.0},
+        stress={"11": -8e3, "22": -6e3, "33": -4e3, "12": 3e3, "13": 0.0},
+    )
+    scene = Scene(
+        rigid=bodies, lattice=(3 * 0.21, 3 * 0.21, 4 * 0.21), macroscopic=drive,
+        contacts=[Contact(("grains", "grains"), SignoriniCoulomb(friction=0.3, rolling=0.1))],
+    )  # fmt: skip
+    return Simulation(scene, 2e-3, tolerance=1e-12, num_threads=1, solver="nlgs")
 
 
 SCENES = {"clouds": (clouds, 0.16), "falling": (falling, 0.1), "bricks": (bricks, 0.02),
           "shear": (shear, 0.8), "glued": (glued, 1e-4), "ropes": (ropes, 0.12),
-          "hard_bricks": (hard_bricks, 0.02), "gas": (gas, 0.4), "pressed": (pressed, 0.1),
-          "sheared": (sheared, 0.18)}  # fmt: skip
+          "hard_bricks": (hard_bricks, 0.02), "gas": (gas, 0.4), "pressed": (pressed, 0.15),
+          "sheared": (sheared, 0.18), "hard_pressed": (hard_pressed, 0.15),
+          "squeezed": (squeezed, 0.1)}  # fmt: skip
 
 
 def results(name: str) -> dict[str, np.ndarray]:
@@ -251,6 +283,7 @@ def results(name: str) -> dict[str, np.ndarray]:
         "start": start,
         "fragment": find_fragments(simulation),
         "stress": simulation.macroscopic.stress if driven else force,
+        "gradient": simulation.macroscopic.gradient if driven else force,
         "sum_of_momenta": moved.sum(axis=0),
         "momenta": np.concatenate([motion.momentum(), motion.angular_momentum()]),
         "position": state.position,

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Contacts that are searched on meshes that are spread over the ranks; the first rank writes."""
 
+import dataclasses
+
 import numpy as np
 import scenes
 import touching_bodies
@@ -10,7 +12,9 @@ from scenes import box_bodies
 from spread_scenes import bytes_held
 
 from xper_fx.nscd.laws import CohesiveZone, RigidCohesiveZone
+from xper_fx.nscd.rigid import Disc, RigidBody
 from xper_fx.output.contact_forces import find_contact_forces
+from xper_fx.output.joint_forces import find_joint_forces
 from xper_fx.output.recorder import Recorder
 from xper_fx.output.run import recorded_steps
 from xper_fx.parallel.launch import run_together
@@ -60,8 +64,39 @@ def one_end():
     return scene, {"scheme": "explicit", "tolerance": 1e-11}, 40
 
 
-SCENES = {f.__name__: f for f in (split_cells, turning_cells, breaking, one_end)}
-SCENES |= {name: touching_bodies.SCENES[name] for name in ("boxes", "heap", "slide")}
+def split_struck():
+    """Cells that initially rigid bonds join fly into discs that meet, and on a floor."""
+    scene, options, steps = touching_bodies.split_struck()
+    law = RigidCohesiveZone(strength, 0.1)
+    return dataclasses.replace(scene, default_interaction=law), options, steps
+
+
+def turning_split_struck():
+    """The same at finite strain."""
+    scene, options, steps = split_struck()
+    return touching_bodies.at_finite_strain(scene), options, steps
+
+
+def thrown():
+    """A disc leaves the block beside it and flies into another one, far from the first."""
+    scene = Scene(
+        touching_bodies.apart((2, 1), (8, 4), gap=0.5), {1: touching_bodies.ELASTIC},
+        interactions={(1, 1): None}, surfaces={"blocks": (1,)},
+        rigid=[
+            RigidBody(Disc(0.1), (0.67, 0.52), "ball", density=5.0, velocity=(6.0, 0.3), spin=5.0)
+        ],
+        contacts=[Contact((a, b), touching_bodies.RUB) for a, b in (("blocks", "blocks"),
+                                                                   ("blocks", "ball"))],
+    )  # fmt: skip
+    return scene, {"step": 2e-3, "tolerance": 1e-10, "scheme": "implicit"}, 40
+
+
+OWN = (thrown, split_cells, turning_cells, breaking, one_end, split_struck, turning_split_struck)
+SCENES = {f.__name__: f for f in OWN}
+SCENES |= {
+    name: touching_bodies.SCENES[name]
+    for name in ("boxes", "heap", "slide", "struck", "rammed", "pelted")
+}
 
 
 def run(name: str) -> dict[str, np.ndarray]:
@@ -75,9 +110,10 @@ def run(name: str) -> dict[str, np.ndarray]:
     everyone, history = scenes.COMM.allgather, {}
     for record in simulation.steps(steps * simulation.step_size):
         momentum = (simulation.bulk.mass * simulation.state.velocity).reshape(-1, dim)
+        solid = 0.0 if simulation.rigid is None else simulation.rigid.momentum()
         now = record.energies | {
             "pushed": len(find_contact_forces(simulation).force),
-            "momentum": simulation.ranks.sum(momentum.sum(axis=0)),
+            "momentum": simulation.ranks.sum(momentum.sum(axis=0)) + solid,
         }
         for key, value in now.items():
             history.setdefault(key, []).append(value)
@@ -91,7 +127,13 @@ def run(name: str) -> dict[str, np.ndarray]:
     rows = np.concatenate(everyone(np.concatenate([place, motion], axis=2).reshape(-1, 4 * dim)))
     rows = rows[np.lexsort(rows[:, : 2 * dim].round(9).T)]
     forces = find_contact_forces(simulation)
-    return {key: np.array(values) for key, values in history.items()} | {
+    others = {}
+    if simulation.rigid is not None:
+        state = simulation.rigid.state
+        others["solids"] = np.column_stack([state.position, state.velocity, state.turn.spin])
+    if scene.joints:
+        others["joints"] = np.column_stack(find_joint_forces(simulation))
+    return {key: np.array(values) for key, values in history.items()} | others | {
         "displacement": rows[:, 2 * dim : 3 * dim], "velocity": rows[:, 3 * dim :],
         "force": np.sort(np.linalg.norm(forces.force, axis=1)),
         "damage": np.sort(simulation.interactions.gather("damage")),
@@ -138,8 +180,8 @@ def refused() -> list[str]:
 
 
 def record(folder: str, last: int, restart: bool) -> None:
-    """Run `breaking` to a step, or go on to it."""
-    scene, options, _ = breaking()
+    """Run `breaking` to a step, or go on to it; with solids `split_struck`."""
+    scene, options, _ = split_struck() if "solids" in folder else breaking()
     simulation = Simulation(scene, **options)
     end = LAST * simulation.step_size
     recorder = Recorder(simulation, folder, end_time=end, fields=0, restart=restart)

@@ -22,6 +22,7 @@ from xper_fx.materials import LinearElastic
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.simulation import Simulation, StepRecord
 from xper_fx.study import study as study_module
+from xper_fx.study.definition import Study, product, vary
 from xper_fx.study.effect_prices import effects_study, price_table, prices
 from xper_fx.study.plots import plot_error_against_cost, plot_price
 from xper_fx.study.quantities import (
@@ -33,7 +34,7 @@ from xper_fx.study.quantities import (
     Penetration,
 )
 from xper_fx.study.results import Run, StudyResults, pareto_front, percent
-from xper_fx.study.study import Study, product, run_study, vary
+from xper_fx.study.study import run_study
 
 BASE = {"cells": 10, "contact": "none", "num_threads": 1}
 END = 0.5

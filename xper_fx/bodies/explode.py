@@ -40,7 +40,6 @@ from xper_fx.support.ranks import Ranks
 if TYPE_CHECKING:
     from xper_fx.bodies.spread import Spread
 
-__all__ = ["EACH_CELL", "Bodies", "FacingFacets", "explode"]
 
 EACH_CELL = "each cell"
 """Every cell is a body of its own."""
@@ -59,31 +58,24 @@ class FacingFacets:
     Sides come in the order candidate, antagonist. Which one is the candidate depends on the
     geometry alone, not on the numbering of the mesh: the first component of the normal that is
     not negligible is positive.
-
-    Attributes:
-        cells: cells of the exploded mesh, shape (n, 2), int32.
-        local_facets: number of the facet within each cell, shape (n, 2), int32.
-        tag: tag of the parent facet, 0 if it has none, shape (n,), int32.
-        normal: unit normal from the antagonist to the candidate, shape (n, dim).
-        measure: length (m) or area (m^2), shape (n,); of a warped quadrilateral facet, the norm
-            of its vector area.
-        midpoint: mean of the vertices, shape (n, dim), m.
-        bodies: the two bodies, shape (n, 2), int32.
-        materials: cell tags of the two cells, shape (n, 2), int32.
-        local_vertices: vertices of the facet within each cell, shape (n, 2, k), int32, matched:
-            `local_vertices[f, 0, j]` and `local_vertices[f, 1, j]` coincide in space. In 2D the
-            direction from j = 0 to j = 1 is the normal turned by +90 degrees; in 3D the vertices
-            go round the normal counterclockwise (quadrilaterals: in the order 0, 1, 3, 2).
     """
 
-    cells: npt.NDArray[np.int32]
+    cells: npt.NDArray[np.int32]  #: cells of the exploded mesh, shape (n, 2), int32
+    #: number of the facet within each cell, shape (n, 2), int32
     local_facets: npt.NDArray[np.int32]
-    tag: npt.NDArray[np.int32]
+    tag: npt.NDArray[np.int32]  #: tag of the parent facet, 0 if it has none, shape (n,), int32
+    #: unit normal from the antagonist to the candidate, shape (n, dim)
     normal: npt.NDArray[np.float64]
+    #: length (m) or area (m^2), shape (n,); of a warped quadrilateral facet, the norm of its vector
+    #: area
     measure: npt.NDArray[np.float64]
-    midpoint: npt.NDArray[np.float64]
-    bodies: npt.NDArray[np.int32]
-    materials: npt.NDArray[np.int32]
+    midpoint: npt.NDArray[np.float64]  #: mean of the vertices, shape (n, dim), m
+    bodies: npt.NDArray[np.int32]  #: the two bodies, shape (n, 2), int32
+    materials: npt.NDArray[np.int32]  #: cell tags of the two cells, shape (n, 2), int32
+    #: vertices of the facet within each cell, shape (n, 2, k), int32, matched: `local_vertices[f,
+    #: 0, j]` and `local_vertices[f, 1, j]` coincide in space. In 2D the direction from j = 0 to j =
+    #: 1 is the normal turned by +90 degrees; in 3D the vertices go round the normal
+    #: counterclockwise (quadrilaterals: in the order 0, 1, 3, 2).
     local_vertices: npt.NDArray[np.int32]
 
     def __len__(self) -> int:
@@ -127,7 +119,6 @@ class Bodies:
         material_of_cell: the same as an array, shape (num_cells,), int32.
         facet_tags: tags on the exploded facets. An exterior parent facet, or one inside a body,
             hands its tag to its copy; one between two bodies to both its copies.
-        facets: the facing facets.
         lattice: period vectors as rows, shape (dim, dim), m; None if the mesh is no periodic cell.
         ties: facets across which one body goes on over the cell's boundary; empty without a
             lattice.
@@ -483,10 +474,7 @@ def explode(
 
 
 def _explode_share(
-    mesh: Mesh,
-    bodies: str | npt.ArrayLike,
-    cell_tags: MeshTags | None,
-    facet_tags: MeshTags | None,
+    mesh: Mesh, bodies: str | npt.ArrayLike, cell_tags: MeshTags | None, facet_tags: MeshTags | None
 ) -> Bodies:
     """Cut what this rank knows of a mesh that is spread; all ranks call it together."""
     from xper_fx.bodies.spread import UNTAGGED, Spread, known_cells
@@ -647,18 +635,14 @@ def _exploded_facet_tags(
 
 
 class _Meeting(NamedTuple):
-    """Facets at which two cells of the parent mesh meet, as they lie or across the boundary.
+    """Facets at which two cells of the parent mesh meet, as they lie or across the boundary."""
 
-    Attributes:
-        cells, local_facets: shape (n, 2), int32.
-        translation: shape (n, dim), from the facet of the first cell to that of the second, m.
-        tag: shape (n,), int32.
-    """
-
+    #: cells, local_facets: shape (n, 2), int32
     cells: npt.NDArray[np.int32]
     local_facets: npt.NDArray[np.int32]
+    #: shape (n, dim), from the facet of the first cell to that of the second, m
     translation: npt.NDArray[np.float64]
-    tag: npt.NDArray[np.int32]
+    tag: npt.NDArray[np.int32]  #: shape (n,), int32
 
     def take(self, which: npt.NDArray[np.bool_]) -> _Meeting:
         return _Meeting(*(a[which] for a in self))

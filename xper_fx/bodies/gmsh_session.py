@@ -9,8 +9,6 @@ from typing import Any
 
 from xper_fx.support.checks import require_kind, require_number
 
-__all__ = ["gmsh_model"]
-
 # What a user's session or configuration might have set, and what would change a mesh.
 _DEFAULTS = {
     "General.Verbosity": 0,

@@ -14,24 +14,15 @@ from xper_fx.bodies.meshes import check_mesh, facet_cells
 from xper_fx.support.checks import require_kind
 from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
 
-__all__ = ["JoinedMesh", "join_meshes"]
-
 
 class JoinedMesh(NamedTuple):
-    """A mesh made of parts.
+    """A mesh made of parts."""
 
-    Attributes:
-        mesh: the mesh; cells are those of the first part, then those of the second and so on.
-        part: part of each cell, shape (num_cells,), int32: labels for
-        `xper_fx.bodies.explode.explode`.
-        cell_tags: tags of the cells, as the parts have them; of a part without, 1.
-        facet_tags: tags of the facets, as the parts have them.
-    """
-
-    mesh: Mesh
+    mesh: Mesh  #: the mesh; cells are those of the first part, then those of the second and so on
+    #: part of each cell, shape (num_cells,), int32: labels for `xper_fx.bodies.explode.explode`
     part: npt.NDArray[np.int32]
-    cell_tags: MeshTags
-    facet_tags: MeshTags
+    cell_tags: MeshTags  #: tags of the cells, as the parts have them; of a part without, 1
+    facet_tags: MeshTags  #: tags of the facets, as the parts have them
 
 
 def join_meshes(

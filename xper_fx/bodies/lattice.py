@@ -22,14 +22,10 @@ _VOLUME = 1e-6
 
 
 class FacetPairs(NamedTuple):
-    """Facets of the boundary that a vector of the lattice brings together.
+    """Facets of the boundary that a vector of the lattice brings together."""
 
-    Attributes:
-        facets: shape (n, 2), positions in the arrays given.
-        translation: shape (n, dim), vector from the first of a pair to the second, m.
-    """
-
-    facets: npt.NDArray[np.intp]
+    facets: npt.NDArray[np.intp]  #: shape (n, 2), positions in the arrays given
+    #: shape (n, dim), vector from the first of a pair to the second, m
     translation: npt.NDArray[np.float64]
 
 

@@ -12,36 +12,13 @@ from typing import Any
 import basix
 import numpy as np
 import numpy.typing as npt
-from dolfinx.mesh import (
-    CellType,
-    DiagonalType,
-    Mesh,
-    MeshTags,
-    create_rectangle,
-    meshtags,
-)
+from dolfinx.mesh import CellType, DiagonalType, Mesh, MeshTags, create_rectangle, meshtags
 from mpi4py import MPI
 
 from xper_fx.bodies.gmsh_session import gmsh_model
 from xper_fx.support.checks import refuse_expression, require_numbers
 from xper_fx.support.compat import coordinate_element, geometry_dofmap, gmsh_model_to_mesh
 from xper_fx.support.ranks import Ranks
-
-__all__ = [
-    "SerialOnlyError",
-    "cell_measure",
-    "check_mesh",
-    "crossed_rectangle",
-    "facet_cells",
-    "facet_geometry_nodes",
-    "in_rectangles",
-    "local_facet_vertices",
-    "midpoints_of",
-    "read_gmsh",
-    "reference_cell",
-    "tag_cells",
-    "tag_facets",
-]
 
 logger = logging.getLogger(__name__)
 
@@ -406,7 +383,6 @@ def check_mesh(mesh: Mesh, geometry: bool = True, spread: bool = False) -> None:
     """Raise unless a mesh can be cut into bodies.
 
     Args:
-        mesh: the mesh.
         geometry: whether to look at each cell's volume.
         spread: whether it may be spread over ranks; all of them call this together then.
 

@@ -23,8 +23,6 @@ from scipy.sparse.csgraph import connected_components
 from xper_fx.bodies.meshes import check_mesh, facet_cells
 from xper_fx.support.checks import require_positive
 
-__all__ = ["partition"]
-
 
 def partition(mesh: Mesh, count: int, imbalance: float = 1.2) -> npt.NDArray[np.int32]:
     """Label the cells of a mesh by subdomain, for `xper_fx.bodies.explode.explode`.

@@ -8,17 +8,12 @@ from typing import NamedTuple
 
 
 class PresentTags(NamedTuple):
-    """The tags that occur.
-
-    Attributes:
-        cells: of cells.
-        facets: of facets.
-        facing: of facing facets: the cell tags of both sides, the lower one first, and the facet's
-            tag, 0 if it has none.
-    """
+    """The tags that occur."""
 
     cells: frozenset[int]
     facets: frozenset[int]
+    #: of facing facets: the cell tags of both sides, the lower one first, and the facet's tag, 0 if
+    #: it has none
     facing: frozenset[tuple[int, int, int]]
 
     @classmethod

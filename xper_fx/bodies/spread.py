@@ -29,43 +29,30 @@ UNTAGGED = np.iinfo(np.int32).min
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """How bodies are spread over ranks.
+    """How bodies are spread over ranks."""
 
-    Attributes:
-        ranks: those of the mesh.
-        rank_of_body: rank of each body that is known here, shape (num_bodies,), int32.
-        num_bodies, num_cells: how many all ranks have together.
-        present: the tags that occur on any rank.
-    """
-
-    ranks: Ranks
+    ranks: Ranks  #: those of the mesh
+    #: rank of each body that is known here, shape (num_bodies,), int32
     rank_of_body: npt.NDArray[np.int32]
+    #: num_bodies, num_cells: how many all ranks have together
     num_bodies: int
     num_cells: int
-    present: PresentTags
+    present: PresentTags  #: the tags that occur on any rank
 
 
 class KnownCells(NamedTuple):
-    """A rank's own cells and their neighbours, in the order of `number`.
+    """A rank's own cells and their neighbours, in the order of `number`."""
 
-    Attributes:
-        mesh: of these cells, on one process.
-        number: shape (num_cells,), int64, number of each cell in what the mesh was made from
-            (`Topology.original_cell_index`), which no partition decides.
-        vertex: shape (num_geometry_nodes,), int64, likewise of each vertex.
-        rank: shape (num_cells,), int32, rank of the body that each cell belongs to.
-        label: shape (num_cells,), int64, body of each cell.
-        cell_tags: of all cells.
-        facet_tags: of those facets that bear one.
-    """
-
-    mesh: Mesh
+    mesh: Mesh  #: of these cells, on one process
+    #: shape (num_cells,), int64, number of each cell in what the mesh was made from
+    #: (`Topology.original_cell_index`), which no partition decides
     number: npt.NDArray[np.int64]
-    vertex: npt.NDArray[np.int64]
+    vertex: npt.NDArray[np.int64]  #: shape (num_geometry_nodes,), int64, likewise of each vertex
+    #: shape (num_cells,), int32, rank of the body that each cell belongs to
     rank: npt.NDArray[np.int32]
-    label: npt.NDArray[np.int64]
-    cell_tags: MeshTags
-    facet_tags: MeshTags
+    label: npt.NDArray[np.int64]  #: shape (num_cells,), int64, body of each cell
+    cell_tags: MeshTags  #: of all cells
+    facet_tags: MeshTags  #: of those facets that bear one
 
 
 def known_cells(
@@ -122,7 +109,6 @@ def send(ranks: Ranks, to: npt.NDArray[np.integer], *arrays: np.ndarray) -> list
     """Send rows of arrays to ranks, which call it together.
 
     Args:
-        ranks: the ranks.
         to: shape (n,), where each row goes.
         arrays: of n rows each.
 
@@ -157,7 +143,6 @@ def _needed(
     """Cells of this rank and the ranks that need them: those with bodies at one of its vertices.
 
     Args:
-        ranks: the ranks.
         nodes: shape (num_cells, k), vertices of the cells.
         rank: shape (num_cells,), rank of each cell's body.
     """

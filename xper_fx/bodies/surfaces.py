@@ -162,10 +162,7 @@ def _check_known(asked: Sequence[int], there: Set[int], what: str, entity: str) 
 
 
 def _turn_outward(
-    facets: npt.NDArray[np.int32],
-    cell: npt.NDArray[np.int32],
-    bodies: Bodies,
-    V: FunctionSpace,
+    facets: npt.NDArray[np.int32], cell: npt.NDArray[np.int32], bodies: Bodies, V: FunctionSpace
 ) -> npt.NDArray[np.float64]:
     """Order the nodes of facets so that they face out of their cells; return the cells' heights."""
     mesh = bodies.mesh

@@ -83,15 +83,10 @@ _FLAT, _TRIED = 0.5, 12
 
 
 class Balance(NamedTuple):
-    """What the corrections for given impulses come to.
+    """What the corrections for given impulses come to."""
 
-    Attributes:
-        found: whether velocities in balance were found, or only nearly.
-        led_up: whether a correction led up.
-    """
-
-    found: bool
-    led_up: bool
+    found: bool  #: whether velocities in balance were found, or only nearly
+    led_up: bool  #: whether a correction led up
 
 
 def find_contacts(step: CoupledStep, good: float, most: float = np.inf) -> float:

@@ -13,19 +13,12 @@ from xper_fx.bulk.sparse_blocks import BlockMatrix
 
 @dataclass(frozen=True)
 class BodyLayout:
-    """Nodes body by body.
+    """Nodes body by body."""
 
-    Attributes:
-        nodes: shape (num_nodes,), nodes (DOLFINx numbering) in body order.
-        offsets: shape (num_bodies + 1,), first entry of each body in `nodes`.
-        dim: dofs a node.
-        prescribed: shape (num_nodes * dim,), bool, dofs whose motion is given.
-    """
-
-    nodes: np.ndarray
-    offsets: np.ndarray
-    dim: int
-    prescribed: np.ndarray
+    nodes: np.ndarray  #: shape (num_nodes,), nodes (DOLFINx numbering) in body order
+    offsets: np.ndarray  #: shape (num_bodies + 1,), first entry of each body in `nodes`
+    dim: int  #: dofs a node
+    prescribed: np.ndarray  #: shape (num_nodes * dim,), bool, dofs whose motion is given
 
     @property
     def num_bodies(self) -> int:

@@ -85,7 +85,6 @@ class ClusterInverse(_OnBodies):
     """Bodies of any size: a sparse factorisation each, dense w on their interacting nodes.
 
     Args:
-        layout: the bodies.
         interacting: nodes (DOLFINx numbering) at which interactions act.
     """
 
@@ -157,7 +156,6 @@ class LumpedInverse(_OnBodies):
     """The inverse of a lumped mass, diagonal.
 
     Args:
-        layout: the bodies.
         mass: shape (num_dofs,), lumped mass (kg; 2D: kg/m).
         interacting: nodes at which interactions act, in the order the layer shall use.
         by_body: whether the blocks are those of bodies, as sides with several nodes need, all of

@@ -21,7 +21,6 @@ class CoupledMatrices:
     """Made when asked for, kept while they serve.
 
     Args:
-        bulk: the bulk.
         nodes: at which interactions act, shape (n,).
         theta: weight of the end of the step, in [1/2, 1].
 

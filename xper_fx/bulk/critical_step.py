@@ -19,7 +19,6 @@ def largest_eigenvalue(stiffness: BlockMatrix, mass: np.ndarray, layout: BodyLay
     Args:
         stiffness: K on the nodes, in blocks of dim x dim.
         mass: lumped, a dof (kg; 2D: kg/m), those of the nodes first.
-        layout: of the bodies.
     """
     if layout.uniform:
         return _largest_of_bodies(stiffness, mass, layout)

@@ -110,7 +110,6 @@ class ExplicitScheme:
     """Central differences of the bulk with implicit interactions.
 
     Args:
-        bulk: the bulk.
         interacting: nodes at which interactions act, in the order the layer shall use.
         stopwatch: where phases are timed.
         by_body: as of `LumpedInverse`.

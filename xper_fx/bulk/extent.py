@@ -23,7 +23,6 @@ def moved_too_far(
     What nothing holds for a moment goes wherever rounding leads it, and forces balance there.
 
     Args:
-        bulk: the bulk.
         step: h (s).
         velocity, given: of all unknowns, and of those that are prescribed, (num_dofs,), m/s.
         size: of the scene (m).

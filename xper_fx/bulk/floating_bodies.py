@@ -46,7 +46,6 @@ class AnchoredInverse:
     """w of a bulk some of whose bodies float; see `body_inverse.py` for what it offers.
 
     Args:
-        layout: the bodies.
         x: positions of their nodes, shape (num_nodes, dim), m.
         interacting: nodes at which interactions act.
 

@@ -40,7 +40,6 @@ class ImplicitScheme:
     """Theta scheme of the bulk.
 
     Args:
-        bulk: the bulk.
         interacting: nodes at which interactions act.
         theta: weight of the end of the step, in [1/2, 1].
         newton_tolerance: bound on the last Newton correction of the velocities, relative to the

@@ -35,17 +35,11 @@ _BLUR = 1e-2
 
 
 class NewtonLimits(NamedTuple):
-    """Where Newton's method ends.
+    """Where Newton's method ends."""
 
-    Attributes:
-        tolerance: bound on the last correction of the velocities, relative to the velocities.
-        iterations: after which a step is given up.
-        rounding: norm of a correction of the positions that is rounding (m kg^(1/2)).
-    """
-
-    tolerance: float
-    iterations: int
-    rounding: float
+    tolerance: float  #: bound on the last correction of the velocities, relative to the velocities
+    iterations: int  #: after which a step is given up
+    rounding: float  #: norm of a correction of the positions that is rounding (m kg^(1/2))
 
 
 class ImplicitStep:

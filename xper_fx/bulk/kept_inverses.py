@@ -63,7 +63,6 @@ class KeptInverses:
     """Inverses by step size.
 
     Args:
-        bulk: the bulk.
         interacting: nodes at which interactions act.
         theta: weight of the end of the step, in [1/2, 1].
         stopwatch: where phases are timed.

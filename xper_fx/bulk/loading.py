@@ -39,7 +39,6 @@ class Loading:
     """Loads of a step that ends at a time to be set.
 
     Args:
-        bulk: the bulk.
         equations: of the step, which are given the loads.
         state: at the start of the step.
         step: h by which velocities are defined (s).

@@ -58,11 +58,7 @@ class NoNodes:
 
 
 class EmptyBulk(KeepsNothing):
-    """A bulk without degrees of freedom.
-
-    Args:
-        dim: dimension of space.
-    """
+    """A bulk without degrees of freedom."""
 
     linear, floating = True, False
     inertia = damping = mass = stiffness = None
@@ -102,7 +98,6 @@ class EmptyScheme(KeepsNothing):
     """The step of a scene whose bodies are all rigid: the interactions alone.
 
     Args:
-        bulk: the empty bulk.
         theta: weight of the end of the step, in [1/2, 1].
         stopwatch: where phases are timed.
     """

@@ -30,16 +30,12 @@ _SYMMETRIC = 1e-12
 
 @dataclass(frozen=True)
 class BlockMatrix:
-    """A square matrix in sparse rows of dim x dim blocks.
+    """A square matrix in sparse rows of dim x dim blocks."""
 
-    Attributes:
-        data: the blocks row by row, shape (num_blocks, dim, dim).
-        indices: the column of each block among the nodes, ascending in a row, shape (num_blocks,).
-        indptr: the first block of each row, and the number of blocks, shape (num_nodes + 1,).
-    """
-
-    data: np.ndarray
+    data: np.ndarray  #: the blocks row by row, shape (num_blocks, dim, dim)
+    #: the column of each block among the nodes, ascending in a row, shape (num_blocks,)
     indices: np.ndarray
+    #: the first block of each row, and the number of blocks, shape (num_nodes + 1,)
     indptr: np.ndarray
 
     @property

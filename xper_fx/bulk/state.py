@@ -16,15 +16,12 @@ from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
 
 @dataclass
 class State:
-    """Displacement (m), velocity (m/s) of all dofs at a time (s), and the forces there (N).
-
-    Attributes:
-        forces: the internal ones, or a pair whose mean they are: few ask for them.
-    """
+    """Displacement (m), velocity (m/s) of all dofs at a time (s), and the forces there (N)."""
 
     time: float
     displacement: np.ndarray
     velocity: np.ndarray
+    #: the internal ones, or a pair whose mean they are: few ask for them
     forces: np.ndarray | tuple[np.ndarray, np.ndarray]
     external: np.ndarray | float = 0.0
 
@@ -38,52 +35,37 @@ class State:
 
 
 class Supports(NamedTuple):
-    """What the supports gave in a step.
+    """What the supports gave in a step."""
 
-    Attributes:
-        dofs: the prescribed ones, shape (num_prescribed,).
-        impulses: on them, shape (num_prescribed,), N s.
-    """
-
-    dofs: np.ndarray
-    impulses: np.ndarray
+    dofs: np.ndarray  #: the prescribed ones, shape (num_prescribed,)
+    impulses: np.ndarray  #: on them, shape (num_prescribed,), N s
 
 
 class StepOutcome(NamedTuple):
-    """One attempted step.
+    """One attempted step."""
 
-    Attributes:
-        state: state at the end of the step.
-        slots: shape (num_slots * dim,), end velocities of the interacting nodes (m/s).
-        impulses: H r on all dofs, shape (num_dofs,), N s.
-        supports: impulses on prescribed dofs.
-        force_impulse: h times the time-weighted external forces on all dofs, N s.
-        viscous: viscous force acting over the step (N).
-        sweeps, residual, traction_change: of the interaction solver, over all iterations.
-        newton_iterations, newton_residual: of the bulk; 1 and 0 when it is linear.
-        converged: whether both are within their tolerances.
-        shadow: at the start and at the end of the step, what the energy that the scheme conserves
-            has beside the physical one (J; 2D: J/m); zero but for `bulk/explicit.py`.
-        failure: of a step that has not converged, what failed, in words; empty if all that is
-            known is that the residuals are too large.
-        held: kinetic and elastic energy at the end on this rank (J; 2D: J/m), where the scheme
-            comes by them; None elsewhere.
-    """
-
-    state: State
-    slots: np.ndarray
-    impulses: np.ndarray
-    supports: Supports
-    force_impulse: np.ndarray | float
-    viscous: np.ndarray | float
+    state: State  #: state at the end of the step
+    slots: np.ndarray  #: shape (num_slots * dim,), end velocities of the interacting nodes (m/s)
+    impulses: np.ndarray  #: H r on all dofs, shape (num_dofs,), N s
+    supports: Supports  #: impulses on prescribed dofs
+    force_impulse: np.ndarray | float  #: h times the time-weighted external forces on all dofs, N s
+    viscous: np.ndarray | float  #: viscous force acting over the step (N)
+    #: sweeps, residual, traction_change: of the interaction solver, over all iterations
     sweeps: int
     residual: float
     traction_change: float
+    #: newton_iterations, newton_residual: of the bulk; 1 and 0 when it is linear
     newton_iterations: int
     newton_residual: float
-    converged: bool
+    converged: bool  #: whether both are within their tolerances
+    #: at the start and at the end of the step, what the energy that the scheme conserves has beside
+    #: the physical one (J; 2D: J/m); zero but for `bulk/explicit.py`
     shadow: tuple[float, float] = (0.0, 0.0)
+    #: of a step that has not converged, what failed, in words; empty if all that is known is that
+    #: the residuals are too large
     failure: str = ""
+    #: kinetic and elastic energy at the end on this rank (J; 2D: J/m), where the scheme comes by
+    #: them; None elsewhere
     held: tuple[float, float] | None = None
 
     @property

@@ -23,24 +23,17 @@ _TILE = 64
 
 
 class EndedStep(NamedTuple):
-    """The end of a step.
+    """The end of a step."""
 
-    Attributes:
-        displacement: at the end, shape (num_dofs,), m.
-        forces: as of `State`.
-        ahead: internal forces half a step later, if the bulk is linear.
-        power: of what internal forces change by in the second half of the step, on this rank (W;
-            2D: W/m).
-        held: kinetic and elastic energy on this rank where they come along (J; 2D: J/m), else None.
-        free: velocities at the end of a next step of the same size in which nothing but internal
-            forces acts, first in room for those of all slots (m/s), where they come along.
-    """
-
-    displacement: np.ndarray
-    forces: np.ndarray | tuple[np.ndarray, np.ndarray]
-    ahead: np.ndarray | None
+    displacement: np.ndarray  #: at the end, shape (num_dofs,), m
+    forces: np.ndarray | tuple[np.ndarray, np.ndarray]  #: as of `State`
+    ahead: np.ndarray | None  #: internal forces half a step later, if the bulk is linear
+    #: of what internal forces change by in the second half of the step, on this rank (W; 2D: W/m)
     power: float
+    #: kinetic and elastic energy on this rank where they come along (J; 2D: J/m), else None
     held: tuple[float, float] | None = None
+    #: velocities at the end of a next step of the same size in which nothing but internal forces
+    #: acts, first in room for those of all slots (m/s), where they come along
     free: np.ndarray | None = None
 
 
@@ -133,7 +126,6 @@ class StepByCell:
     """Ends steps of linear simplices.
 
     Args:
-        forces: of the cells.
         mass: shape (num_dofs,), kg (2D: kg/m).
         w: one over it, zero where motions are given.
     """

@@ -16,7 +16,6 @@ class StepEquations:
     1 - theta at the start; with the impulses of interactions it vanishes where motions are free.
 
     Args:
-        bulk: the bulk.
         state: at the start of the step.
         step: h (s).
         weight: theta, of each unknown's equation where they differ.

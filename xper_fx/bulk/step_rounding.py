@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 # Relative rounding of velocities at the ends of a spring.
 _ROUNDING = 4.0 * np.finfo(float).eps
+# The same of the sum of all that acts on a node, where nothing but that is left.
+_NOISE = 16.0 * np.finfo(float).eps
 
 
 def rounding(step: CoupledStep) -> float:
@@ -27,7 +29,7 @@ def noise(step: CoupledStep) -> float:
     displacement = step.state.displacement
     if step.finite_strain:
         displacement = np.full(1, step.extent)
-    return _ROUNDING * _product_of_largest(step, displacement / step.step)
+    return _NOISE * _product_of_largest(step, displacement / step.step)
 
 
 def _product_of_largest(step: CoupledStep, values: np.ndarray) -> float:

@@ -28,7 +28,6 @@ def turn(
     """Turn frames to where a step looks, q0 + h theta v_theta.
 
     Args:
-        interactions: the points.
         bulk: the bodies.
         nodes: the points' nodes, in the order of their slots; None if slots are all nodes in order.
         state: at the start of the step.

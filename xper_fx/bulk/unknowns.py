@@ -26,7 +26,6 @@ class NodalUnknowns:
 
     Args:
         V: vector Lagrange space on `bodies.mesh`.
-        bodies: the bodies.
 
     Attributes:
         dim: dofs a node.

@@ -129,11 +129,7 @@ def _for_plain_integers(template_of: Callable) -> Callable:
 
 
 class _Kept:
-    """What a Numba dispatcher asks before it compiles, and tells after.
-
-    Args:
-        kernel: the dispatcher.
-    """
+    """What a Numba dispatcher asks before it compiles, and tells after."""
 
     cache_path = None
 

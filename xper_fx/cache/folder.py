@@ -42,18 +42,11 @@ _PATIENCE, _PAUSE = 120.0, 0.02
 
 
 class KeptFile(NamedTuple):
-    """A file of the folder.
+    """A file of the folder."""
 
-    Attributes:
-        title: of the kernel.
-        size: bytes.
-        used: when it was last used, to an hour (s since the epoch).
-        path: of the file.
-    """
-
-    title: str
-    size: int
-    used: float
+    title: str  #: of the kernel
+    size: int  #: bytes
+    used: float  #: when it was last used, to an hour (s since the epoch)
     path: Path
 
 
@@ -108,7 +101,6 @@ class CacheFolder:
         Args:
             key: hexadecimal digits.
             title: what it is, for people.
-            payload: the bytes.
         """
         name = title.encode()
         body = name + payload

@@ -24,8 +24,6 @@ from typing import Any
 from dolfinx import fem
 from dolfinx.jit import get_options
 
-__all__ = ["compiled_expression", "compiled_form"]
-
 logger = logging.getLogger(__name__)
 
 # FFCx itself looks for another process's result once a second; it gives up at the first look.

@@ -47,7 +47,6 @@ class BulkForms:
     """Compiled forms of the bulk on the exploded mesh.
 
     Args:
-        bodies: the bodies.
         order: order of the Lagrange space, 1 or 2.
         materials: material of each cell tag.
         forces: body forces, gravity, surface tractions, initial stresses.

@@ -27,7 +27,6 @@ class History:
     """Internal variables of all materials at the end of the last committed step.
 
     Args:
-        bodies: the bodies.
         degree: degree of the quadrature of the forms.
         variables: initial values by name, of each cell tag whose material has any; a float, or
             3 x 3 nested tuples for a symmetric tensor.

@@ -63,7 +63,6 @@ class PointResponses:
     """Responses of the inelastic materials, evaluated at the points of quadrature.
 
     Args:
-        bodies: the bodies.
         degree: of the quadrature of the forms.
         responses: by cell tag, at `u`.
         u: displacement the responses are evaluated at (m).

@@ -19,17 +19,12 @@ from xper_fx.forms.compiled import compiled_expression
 
 
 class ShapeGradients(NamedTuple):
-    """Of a vector Lagrange space.
+    """Of a vector Lagrange space."""
 
-    Attributes:
-        dofmap: nodes of the cells, shape (num_cells, num_nodes).
-        inverses: J^-1, shape (num_cells, num_points or one where all are the same, dim, dim), 1/m.
-        shape: derivatives of the shape functions in the reference cell, shape (num_points, dim,
-            num_nodes).
-    """
-
-    dofmap: np.ndarray
+    dofmap: np.ndarray  #: nodes of the cells, shape (num_cells, num_nodes)
+    #: J^-1, shape (num_cells, num_points or one where all are the same, dim, dim), 1/m
     inverses: np.ndarray
+    #: derivatives of the shape functions in the reference cell, shape (num_points, dim, num_nodes)
     shape: np.ndarray
 
     @classmethod

@@ -22,15 +22,10 @@ from xper_fx.support.checks import require_positive, take_numbers
 
 
 class Curve(NamedTuple):
-    """A hardening law in UFL.
+    """A hardening law in UFL."""
 
-    Attributes:
-        stress: function K of alpha (Pa).
-        increment: function of q, m and alpha that gives p; called where q > K(alpha) only.
-    """
-
-    stress: Callable
-    increment: Callable
+    stress: Callable  #: function K of alpha (Pa)
+    increment: Callable  #: function of q, m and alpha that gives p; called where q > K(alpha) only
 
 
 class Hardening(Protocol):
@@ -72,8 +67,7 @@ class Linear:
         """See `Hardening`."""
         K0, H = constant(yield_stress), constant(self.modulus)
         return Curve(
-            lambda alpha: K0 + H * alpha,
-            lambda q, m, alpha: (q - K0 - H * alpha) / (m + H),
+            lambda alpha: K0 + H * alpha, lambda q, m, alpha: (q - K0 - H * alpha) / (m + H)
         )
 
 

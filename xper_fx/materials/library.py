@@ -6,8 +6,6 @@ multi-domain solver, European Journal of Computational Mechanics 19 (2010) 389-4
 doi:10.3166/ejcm.19.389-417. Stiffnesses are C_N = C_T in Pa/m, energies in J/m^2, strengths in Pa.
 """
 
-from __future__ import annotations
-
 from types import MappingProxyType
 
 from xper_fx.materials.hardening import Linear

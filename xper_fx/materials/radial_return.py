@@ -28,15 +28,10 @@ _BAND = 1e-11
 
 
 class Return(NamedTuple):
-    """What the return gives, in UFL.
+    """What the return gives, in UFL."""
 
-    Attributes:
-        stress: the deviator s (Pa).
-        increment: p.
-    """
-
-    stress: Any
-    increment: Any
+    stress: Any  #: the deviator s (Pa)
+    increment: Any  #: p
 
 
 def radial_return(trial: Expression, m: Expression, alpha: Expression, curve: Curve) -> Return:

@@ -17,22 +17,14 @@ class Anchors:
 
     A solver may pass over them: the bodies are then on springs, and the bulk iterates until these
     bear nothing.
-
-    Args:
-        held: w0, blocks of w with the anchors held.
-        motions: R, rigid motions that move one anchor each, shape (num_slots * dim, n).
-        load: R^T f of the forces that act on the bulk, shape (n,), N s.
-        on_springs: velocities that the load gives the anchors, part of the free velocity, shape
-            (n,), m/s.
-
-    Attributes:
-        velocity: a, what a solver that knows of anchors gives them, shape (n,), m/s.
     """
 
-    held: BodyInverse
-    motions: sp.csc_array
-    load: np.ndarray
+    held: BodyInverse  #: w0, blocks of w with the anchors held
+    motions: sp.csc_array  #: R, rigid motions that move one anchor each, shape (num_slots * dim, n)
+    load: np.ndarray  #: R^T f of the forces that act on the bulk, shape (n,), N s
+    #: velocities that the load gives the anchors, part of the free velocity, shape (n,), m/s
     on_springs: np.ndarray
+    #: a, what a solver that knows of anchors gives them, shape (n,), m/s
     velocity: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:

@@ -25,32 +25,20 @@ from xper_fx.nscd.points import InteractionPoints
 
 
 class Sides(NamedTuple):
-    """What kernels over the points of a group are compiled for.
-
-    Attributes:
-        dim: dimension of space.
-        components: of local vectors.
-        k: nodes on a side.
-        lever_arms: whether there are sides on rigid bodies.
-        branches: whether points read a periodic cell that deforms.
-    """
+    """What kernels over the points of a group are compiled for."""
 
     dim: int
-    components: int
-    k: int
-    lever_arms: bool = False
-    branches: bool = False
+    components: int  #: of local vectors
+    k: int  #: nodes on a side
+    lever_arms: bool = False  #: whether there are sides on rigid bodies
+    branches: bool = False  #: whether points read a periodic cell that deforms
 
 
 class Blocks(NamedTuple):
-    """What is known of the blocks of w when kernels are compiled.
+    """What is known of the blocks of w when kernels are compiled."""
 
-    Attributes:
-        size: their common size in dofs, or 0.
-        aligned: whether all blocks of the scene have it: block b then starts at b times the size.
-    """
-
-    size: int = 0
+    size: int = 0  #: their common size in dofs, or 0
+    #: whether all blocks of the scene have it: block b then starts at b times the size
     aligned: bool = False
 
 
@@ -58,37 +46,24 @@ ANY_BLOCKS = Blocks()
 
 
 class Couplings(NamedTuple):
-    """Where a point reads and writes, as the sweep kernels want it.
+    """Where a point reads and writes, as the sweep kernels want it."""
 
-    Attributes:
-        start: shape (num_points, 2, k), first dof of each node.
-        weights: shape (num_points, 2, k).
-        body: shape (num_points, 2), first dof of each side's block.
-        size: shape (num_points, 2), dofs in each side's block.
-        rows: shape (num_points, 2, k), entry of `w` where the node's first row starts.
-        frame: shape (num_points, 1, dim), the normal, or (num_points, 3, 3).
-        w: flat blocks of the inverse.
-        rotation_dof: shape (num_points, 2), first dof of a rigid side's rotation, else `start` of
-            its first node; None without lever arms.
-        lever_arms: shape (num_points, 2, dim) (m), zero where a side is not rigid; None without
-        lever arms.
-        branches: shape (num_points, dim) (m), None without a periodic cell that deforms.
-        cell: first dof of dFbar/dt, column after column.
-        cell_w: w of these dofs, shape (dim^2,); they have no others.
-    """
-
-    start: np.ndarray
-    weights: np.ndarray
-    body: np.ndarray
-    size: np.ndarray
-    rows: np.ndarray
-    frame: np.ndarray
-    w: np.ndarray
+    start: np.ndarray  #: shape (num_points, 2, k), first dof of each node
+    weights: np.ndarray  #: shape (num_points, 2, k)
+    body: np.ndarray  #: shape (num_points, 2), first dof of each side's block
+    size: np.ndarray  #: shape (num_points, 2), dofs in each side's block
+    rows: np.ndarray  #: shape (num_points, 2, k), entry of `w` where the node's first row starts
+    frame: np.ndarray  #: shape (num_points, 1, dim), the normal, or (num_points, 3, 3)
+    w: np.ndarray  #: flat blocks of the inverse
+    #: shape (num_points, 2), first dof of a rigid side's rotation, else `start` of its first node;
+    #: None without lever arms
     rotation_dof: np.ndarray | None = None
+    #: shape (num_points, 2, dim) (m), zero where a side is not rigid; None without lever arms
     lever_arms: np.ndarray | None = None
+    #: shape (num_points, dim) (m), None without a periodic cell that deforms
     branches: np.ndarray | None = None
-    cell: np.int64 | None = None
-    cell_w: np.ndarray | None = None
+    cell: np.int64 | None = None  #: first dof of dFbar/dt, column after column
+    cell_w: np.ndarray | None = None  #: w of these dofs, shape (dim^2,); they have no others
 
 
 def couple(points: InteractionPoints, inverse: BodyInverse) -> Couplings:

@@ -93,7 +93,6 @@ def facet_shapes(dim: int, k: int, rule: str) -> np.ndarray:
     """Shape functions of a facet's nodes at its points, shape (num_points, k).
 
     Args:
-        dim: dimension of space.
         k: nodes of a facet.
         rule: "nodal" or "gauss".
     """

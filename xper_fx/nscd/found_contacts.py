@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,18 +19,13 @@ from xper_fx.nscd.points import InteractionPoints
 
 
 class FoundPoints(NamedTuple):
-    """Contacts that a search has found.
+    """Contacts that a search has found."""
 
-    Attributes:
-        points: on the node slots, `gap` in the middle of the step, at x0 + h (1 - theta) v0.
-        law_of_point: shape (num_points,), index into the laws.
-        keys: shape (num_points, 2), what contacts are known by from step to step, sorted.
-        spin_arms: as of `spin_arms` of the search; None where no side is meshed, or none is asked.
-    """
-
+    #: on the node slots, `gap` in the middle of the step, at x0 + h (1 - theta) v0
     points: InteractionPoints
-    law_of_point: np.ndarray
-    keys: np.ndarray
+    law_of_point: np.ndarray  #: shape (num_points,), index into the laws
+    keys: np.ndarray  #: shape (num_points, 2), what contacts are known by from step to step, sorted
+    #: as of `spin_arms` of the search; None where no side is meshed, or none is asked
     spin_arms: np.ndarray | None = None
 
 
@@ -43,13 +39,14 @@ class _ContactSet(NamedTuple):
     law_of_point: np.ndarray
     keys: np.ndarray
     phase: np.ndarray
+    copies: int
     groups: list[PointGroup]
     rolling: list[PointGroup]
 
-    def are(self, found: FoundPoints, phase: np.ndarray) -> bool:
+    def are(self, found: FoundPoints, phase: np.ndarray, copies: int) -> bool:
         """Whether the found contacts are these, at other places."""
-        told = (found.points.nodes, found.law_of_point, found.keys, phase)
-        return all(map(np.array_equal, self[:4], told))
+        told = (found.points.nodes, found.law_of_point, found.keys, phase, copies)
+        return all(map(np.array_equal, self[:5], told))
 
 
 class FoundContacts:
@@ -99,12 +96,14 @@ class FoundContacts:
         """
         before, self._sets, later = self._sets, [], self.history is not None
         step, opened = times
-        grouping = self._grouping
+        grouping, copies = self._grouping, 1 if halo is None else halo.copies
         for new in found:
             phase = np.zeros(len(new.keys), int) if halo is None else halo.phase_of(new.points)
-            same = next((old for old in before if old.are(new, phase)), None)
+            same = next((old for old in before if old.are(new, phase, copies)), None)
             if same is None:
                 groups = grouping.groups(inverse, new.points, new.law_of_point, start, phase, later)
+                if copies > 1:
+                    groups = [_of_copy(group, copies) for group in groups]
             else:
                 groups = [
                     grouping.again(inverse, group, new.points, new.law_of_point, start, later)
@@ -118,7 +117,7 @@ class FoundContacts:
                 for group in (*groups, *rolling):
                     self.history.transfer(group, new.keys)
                     _turn_slips(group, start, step, new.spin_arms)
-            known = (new.points.nodes, new.law_of_point, new.keys, phase)
+            known = (new.points.nodes, new.law_of_point, new.keys, phase, copies)
             self._sets.append(_ContactSet(*known, groups, rolling))
 
     def regroup(self, grouping: Grouping) -> None:
@@ -150,6 +149,12 @@ class FoundContacts:
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave, its rows in order."""
         self.history = ContactHistory.restored(saved, self._kernels, self._dim)
+
+
+def _of_copy(group: PointGroup, copies: int) -> PointGroup:
+    """Contacts that move one of the copies of a periodic cell that stress drives."""
+    cell_w = copies * group.couplings.cell_w
+    return replace(group, couplings=group.couplings._replace(cell_w=cell_w))
 
 
 def _turn_slips(group: PointGroup, start: np.ndarray, step: float, arms: np.ndarray | None) -> None:

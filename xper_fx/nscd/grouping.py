@@ -302,7 +302,6 @@ class Grouping:
 
         Args:
             inverse: blocks of w that this makes groups on.
-            group: the group.
             slots: shape (n,), by the old slot.
         """
         points, turning = group.points.on(slots), group.turning

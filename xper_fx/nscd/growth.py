@@ -6,8 +6,10 @@ curve and g the growth of the step. Along jumps U(s) = A + s B, s the change of 
 openings of all bonds stay within their limits in an interval of s. A step that ends at one of its
 ends makes one bond at least open by exactly g L: so the load is found, whether it rises, falls, or
 the structure snaps back (Lorentz and Badel 2004, on openings in place of strains). Of the two ends
-the one goes on along the path towards which the bonds that opened in the last step open on. In the
-first step the load rises, and iterations take the end that is nearer to the present jumps.
+the one goes on along the path towards which the bonds that opened in the last step open on. Where
+none opened, the path is elastic, and the load goes on to rise or to fall: openings do not tell, as
+loads may push in another way than before. In the first step the load rises, and iterations take the
+end that is nearer to the present jumps.
 
 **Corners.** A bond that reaches its largest opening so far may soften by more than the structure
 stiffens it, as long as those that have opened go on to do so. No load then solves the step: with
@@ -49,19 +51,12 @@ _ASTRAY = 10.0
 
 
 class GroupLimits(NamedTuple):
-    """The limits of a group.
+    """The limits of a group."""
 
-    Attributes:
-        group: its number.
-        first: number of its first point among those of all groups that have bonds.
-        reached: largest openings so far, shape (n,), m.
-        length: by how much bonds may open in the step, shape (n,), m.
-    """
-
-    group: int
-    first: int
-    reached: np.ndarray
-    length: np.ndarray
+    group: int  #: its number
+    first: int  #: number of its first point among those of all groups that have bonds
+    reached: np.ndarray  #: largest openings so far, shape (n,), m
+    length: np.ndarray  #: by how much bonds may open in the step, shape (n,), m
 
 
 class GrowthLimit:
@@ -106,9 +101,19 @@ class GrowthLimit:
         grew[slips] = (forward[slips] != 0.0).any(axis=1)
         self._grows = np.flatnonzero(self._whole)
         none_grew, self.exhausted = self._nowhere(grew, self._whole)
+        self._none_grew = none_grew
         self._go(forward if none_grew else np.where(grew[:, None], forward, 0.0))
         self._opened = [np.zeros(len(grew))] * 2
         self.idle: bool | None = None
+
+    def keep_on(self, change: float) -> None:
+        """Go on as the load did in the last step, if no bond opened in it.
+
+        Args:
+            change: of the time of the loads in it (s), 0 if there was none.
+        """
+        if self._none_grew:
+            self._sense = float(np.sign(change))
 
     def follow(self, leading: np.ndarray) -> None:
         """Go on where some bonds open, whatever opened in the last step.
@@ -137,7 +142,7 @@ class GrowthLimit:
 
     def _go(self, forward: np.ndarray) -> None:
         """Take what tells which way goes on, shape (n, components)."""
-        self._forward = forward
+        self._forward, self._sense = forward, 0.0
         (self.begins,) = self._nowhere(forward)
 
     @property
@@ -211,7 +216,7 @@ class GrowthLimit:
         self._opened = [*self._opened[-_TURNS + 1 :], _opening(self._from_origin(now))]
         closed = np.concatenate([np.zeros(0, bool), *(held[n] for n in self._numbers)])
         a[closed, 0] = b[closed, 0] = 0.0
-        goes_on = self._sum(self._forward, b)
+        goes_on = self._sense or self._sum(self._forward, b)
         low, high = self._ends(a, b)
         if not low < high:  # on the way no load may obey all limits: one that nearly does
             middle = 0.5 * (low + high)
@@ -236,8 +241,8 @@ class GrowthLimit:
             moved: change of the jumps of each group in the step, shape (n, components), m.
             change: of the time of the loads (s).
         """
-        if self.begins:
-            return change < 0.0
+        if self.begins or self._sense:
+            return change < 0.0 if self.begins else change * self._sense < 0.0
         return self._sum(self._forward, self._but_rounding(self._all(moved))) < 0.0
 
     def allows(self, moved: Sequence[np.ndarray]) -> bool:

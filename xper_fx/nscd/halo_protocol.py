@@ -89,8 +89,15 @@ class AnyHalo(Protocol):
     def nbytes(self) -> int:
         """Memory held, in bytes."""
 
+    @property
+    def copies(self) -> int:
+        """Of what points on all ranks move: one a rank, with that part of its mass, or 1."""
+
     def clear(self, values: np.ndarray) -> None:
         """Set the ghosts of a flat array over all slots to zero."""
+
+    def add_up(self, velocity: np.ndarray) -> None:
+        """Let all have the velocities to which each has added on its side, cleared before."""
 
     def gather(self, values: np.ndarray) -> np.ndarray:
         """Values at all points from those at this rank's, in the scene's order, on every rank."""
@@ -148,6 +155,9 @@ class ContactHalo(AnyHalo, Protocol):
     @property
     def cut(self) -> np.ndarray:
         """This rank's bodies that others move, and its ghosts."""
+
+    def settle(self, velocity: np.ndarray) -> None:
+        """Let all copies of what points on all ranks move be their mean."""
 
 
 class RigidSharing(Protocol):

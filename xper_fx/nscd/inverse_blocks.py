@@ -16,22 +16,16 @@ import numpy as np
 
 @dataclass(frozen=True)
 class BodyInverse:
-    """Blocks of w over the interacting nodes, in body order, and a zero block for the ground.
-
-    Attributes:
-        dim: dimension of space.
-        node_offsets: shape (num_blocks + 1,), first node of each block; the last block is the
-            ground's, whose first node is the ground.
-        data: all blocks by rows, flat (m/s per N s).
-        data_offsets: shape (num_blocks + 1,), first entry of each block in `data`.
-        diagonal: whether there is one block a node, of which `data` has the diagonal alone. Such an
-            inverse gives the compliances of points, and moves nothing.
-    """
+    """Blocks of w over the interacting nodes, in body order, and a zero block for the ground."""
 
     dim: int
+    #: shape (num_blocks + 1,), first node of each block; the last block is the ground's, whose
+    #: first node is the ground
     node_offsets: np.ndarray
-    data: np.ndarray
-    data_offsets: np.ndarray
+    data: np.ndarray  #: all blocks by rows, flat (m/s per N s)
+    data_offsets: np.ndarray  #: shape (num_blocks + 1,), first entry of each block in `data`
+    #: whether there is one block a node, of which `data` has the diagonal alone. Such an inverse
+    #: gives the compliances of points, and moves nothing.
     diagonal: bool = False
 
     @classmethod
@@ -60,7 +54,6 @@ class BodyInverse:
         Args:
             diagonal: entries, block after block.
             sizes: shape (num_blocks,), nodes of each block.
-            dim: dimension of space.
         """
         if len(sizes) and np.all(sizes == sizes[0]):
             n = int(sizes[0]) * dim

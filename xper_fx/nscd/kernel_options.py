@@ -10,8 +10,6 @@ A number written out as an argument (`f(x, 0)`) makes a version of `f` of its ow
 array of another layout.
 """
 
-from __future__ import annotations
-
 # Called from Python; may allocate.
 ENTRY = {"error_model": "numpy", "no_cfunc_wrapper": True}
 # The same without counts of references: for what neither allocates nor returns an array.

@@ -20,43 +20,29 @@ _FLAT = 1e-12
 
 
 class LipKernels(NamedTuple):
-    """Functions on vectors of space as tuples; there are dim - 1 tangents.
+    """Functions on vectors of space as tuples; there are dim - 1 tangents."""
 
-    Attributes:
-        tangents: `(v, nodes, gradient, i)`, sums over both lips of G v / 2.
-        pushed: `(F, t, i, alone)`, F t of each tangent, or `alone` times t if F has no entries.
-        plus: `(a, factor, b)`, a + factor b of each tangent.
-        flips: `(start, a)`, whether the surface that the tangents span has no normal, or one that
-            is opposite to that of others.
-        folded: `(a)`, whether lips stand at more than a right angle to each other.
-        frame: `(a)`, rows n, t1 (, t2).
-        arms: `(a, frame)`, b (2D), or b_1, b_2, c_1, c_2.
-        spin: `(rates, arms, frame)`, omega in the frame's axes, one number in 2D.
-        turned: `(omega, d)`, omega x d, all in the frame's axes.
-        moment: `(r, d)`, the couple r x d = -d x r, all in the frame's axes.
-        forces: `(m, arms, frame)`, h_alpha of a couple m in the frame's axes.
-        apart: `(v, c, i)`, of the candidate from the antagonist.
-        local: `(frame, x)`, components in a frame.
-        arms_at, axes_at, turn_at: `(array, i)`, those of point i; the last of moments
-            and spins. Axes are held as frames of `Couplings` are, in 2D by the normal alone.
-    """
-
-    tangents: Callable
+    tangents: Callable  #: `(v, nodes, gradient, i)`, sums over both lips of G v / 2
+    #: `(F, t, i, alone)`, F t of each tangent, or `alone` times t if F has no entries
     pushed: Callable
-    plus: Callable
+    plus: Callable  #: `(a, factor, b)`, a + factor b of each tangent
+    #: `(start, a)`, whether the surface that the tangents span has no normal, or one that is
+    #: opposite to that of others
     flips: Callable
-    frame: Callable
-    arms: Callable
-    spin: Callable
-    turned: Callable
-    moment: Callable
-    forces: Callable
-    apart: Callable
-    local: Callable
+    frame: Callable  #: `(a)`, rows n, t1 (, t2)
+    arms: Callable  #: `(a, frame)`, b (2D), or b_1, b_2, c_1, c_2
+    spin: Callable  #: `(rates, arms, frame)`, omega in the frame's axes, one number in 2D
+    turned: Callable  #: `(omega, d)`, omega x d, all in the frame's axes
+    moment: Callable  #: `(r, d)`, the couple r x d = -d x r, all in the frame's axes
+    forces: Callable  #: `(m, arms, frame)`, h_alpha of a couple m in the frame's axes
+    apart: Callable  #: `(v, c, i)`, of the candidate from the antagonist
+    local: Callable  #: `(frame, x)`, components in a frame
+    #: arms_at, axes_at, turn_at: `(array, i)`, those of point i; the last of moments and spins.
+    #: Axes are held as frames of `Couplings` are, in 2D by the normal alone.
     arms_at: Callable
     axes_at: Callable
     turn_at: Callable
-    folded: Callable
+    folded: Callable  #: `(a)`, whether lips stand at more than a right angle to each other
 
 
 @cache

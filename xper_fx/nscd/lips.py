@@ -30,18 +30,14 @@ _ALIKE = 1e-12
 
 @dataclass(frozen=True)
 class Lips:
-    """Facets at points.
+    """Facets at points."""
 
-    Args:
-        nodes: shape (num_points, 2, k), int32, nodes of the candidate's and antagonist's facets.
-        gradient: G, shape (num_points, 2, k, dim - 1), 1/m. Zero where a frame does not turn.
-        tangent: t_alpha, shape (num_points, dim - 1, dim), unit.
-        paired: whether the nodes of both sides coincide, one by one, shape (num_points,), bool.
-    """
-
+    #: shape (num_points, 2, k), int32, nodes of the candidate's and antagonist's facets
     nodes: np.ndarray
+    #: G, shape (num_points, 2, k, dim - 1), 1/m. Zero where a frame does not turn.
     gradient: np.ndarray
-    tangent: np.ndarray
+    tangent: np.ndarray  #: t_alpha, shape (num_points, dim - 1, dim), unit
+    #: whether the nodes of both sides coincide, one by one, shape (num_points,), bool
     paired: np.ndarray
 
     def take(self, indices: np.ndarray) -> Lips:
@@ -150,7 +146,6 @@ def facet_derivatives(dim: int, k: int, shapes: np.ndarray) -> np.ndarray:
     """Derivatives of a facet's k shape functions at its points, (num_points, k, dim - 1).
 
     Args:
-        dim: dimension of space.
         k: nodes of a facet, vertices first.
         shapes: shape (num_points, k), shape functions at the points, which tell where they are.
     """

@@ -28,17 +28,11 @@ LAST_COLOR = 63
 
 
 class Ordering(NamedTuple):
-    """An order of points by colour of tile, tile, and colour of point.
+    """An order of points by colour of tile, tile, and colour of point."""
 
-    Attributes:
-        order: shape (num_points,), int32.
-        tile_offsets: shape (num_tiles + 1,), first point (in `order`) of each tile.
-        color_offsets: shape (num_colors + 1,), first tile of each colour.
-    """
-
-    order: np.ndarray
-    tile_offsets: np.ndarray
-    color_offsets: np.ndarray
+    order: np.ndarray  #: shape (num_points,), int32
+    tile_offsets: np.ndarray  #: shape (num_tiles + 1,), first point (in `order`) of each tile
+    color_offsets: np.ndarray  #: shape (num_colors + 1,), first tile of each colour
 
 
 def greedy_colors(
@@ -254,15 +248,10 @@ def _touch(blocks, order, tile_offsets, ignored, seen, offsets, members):
 
 
 class TileBodies(NamedTuple):
-    """The bodies that each tile touches.
+    """The bodies that each tile touches."""
 
-    Attributes:
-        offsets: shape (num_tiles + 1,), first entry of each tile in `blocks`.
-        blocks: blocks touched, the ground's left out.
-    """
-
-    offsets: np.ndarray
-    blocks: np.ndarray
+    offsets: np.ndarray  #: shape (num_tiles + 1,), first entry of each tile in `blocks`
+    blocks: np.ndarray  #: blocks touched, the ground's left out
 
 
 _NONE = np.zeros(1, np.int64)

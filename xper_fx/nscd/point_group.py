@@ -39,23 +39,11 @@ class PointGroup:
     """The points that share a law's kernels, in their order of visit.
 
     Local vectors have the law's `components`: dim, or the normal's alone.
-
-    Attributes:
-        indices: shape (n,), the points' numbers in the scene's order.
-        points: with frames of as many rows as there are components.
-        compliance: W_aa, packed symmetric (m/s per N s).
-        impulse: shape (n, components), total impulse of the step in the local frame (N s).
-        jump, velocity: shape (n, components), at the last committed time (m, m/s).
-        energy: shape (n, len(kernels.energies)), of the last committed step (J; 2D: J/m).
-        status: shape (n,), int8: 0 open, 1 closed or bonded and sticking, 2 sliding.
-        sides, blocks: what kernels over the points are compiled for.
-        phase: in which bodies of another rank are at the points, 0 if none are.
-        turning: what they need to turn with their lips, None where they do not.
     """
 
     kernels: LawKernels
-    indices: np.ndarray
-    points: InteractionPoints
+    indices: np.ndarray  #: shape (n,), the points' numbers in the scene's order
+    points: InteractionPoints  #: with frames of as many rows as there are components
     ordering: Ordering
     tile_bodies: TileBodies
     couplings: Couplings
@@ -63,17 +51,21 @@ class PointGroup:
     state: np.ndarray
     terms: np.ndarray
     details: np.ndarray
-    compliance: np.ndarray
+    compliance: np.ndarray  #: W_aa, packed symmetric (m/s per N s)
     inverse_area: np.ndarray
+    #: jump, velocity: shape (n, components), at the last committed time (m, m/s)
     jump: np.ndarray
     velocity: np.ndarray
+    #: shape (n, components), total impulse of the step in the local frame (N s)
     impulse: np.ndarray
     committed_impulse: np.ndarray
-    energy: np.ndarray
-    status: np.ndarray
+    energy: np.ndarray  #: shape (n, len(kernels.energies)), of the last committed step (J; 2D: J/m)
+    status: np.ndarray  #: shape (n,), int8: 0 open, 1 closed or bonded and sticking, 2 sliding
+    #: sides, blocks: what kernels over the points are compiled for
     sides: Sides
     blocks: Blocks
-    phase: int = 0
+    phase: int = 0  #: in which bodies of another rank are at the points, 0 if none are
+    #: what they need to turn with their lips, None where they do not
     turning: TurningFrames | None = None
 
     def __len__(self) -> int:

@@ -23,23 +23,16 @@ BROKEN = 0.99
 
 
 class PointValues:
-    """Values at the interaction points of a scene, which are held law by law.
+    """Values at the interaction points of a scene, which are held law by law."""
 
-    Attributes:
-        dim: 2 or 3.
-        inverse: blocks of w.
-        halo: what there is to exchange with other ranks, None where one rank has all bodies.
-        committed_step: h of the last step (s).
-        groups: all points by law, permanent ones before those of contacts found.
-        rigid_blocks_of_all: blocks of w of all rigid bodies, shape (num_rigid, 2 dim, 2 dim).
-    """
-
-    dim: int
-    inverse: BodyInverse
+    dim: int  #: 2 or 3
+    inverse: BodyInverse  #: blocks of w
+    #: what there is to exchange with other ranks, None where one rank has all bodies
     halo: PointHalo | ContactHalo | None
-    committed_step: float
-    groups: list[PointGroup]
+    committed_step: float  #: h of the last step (s)
+    groups: list[PointGroup]  #: all points by law, permanent ones before those of contacts found
     fused: FusedPoints | None
+    #: blocks of w of all rigid bodies, shape (num_rigid, 2 dim, 2 dim)
     rigid_blocks_of_all: np.ndarray
     _rigid_share: RigidSharing | None
     _permanent: PermanentGroups

@@ -34,45 +34,34 @@ if TYPE_CHECKING:
 
 
 class Branches(NamedTuple):
-    """How points read a periodic cell that deforms.
+    """How points read a periodic cell that deforms."""
 
-    Attributes:
-        node: first of the dim nodes that hold the columns of dFbar/dt (1/s).
-        vectors: b, shape (num_points, dim), m.
-    """
-
-    node: int
-    vectors: np.ndarray
+    node: int  #: first of the dim nodes that hold the columns of dFbar/dt (1/s)
+    vectors: np.ndarray  #: b, shape (num_points, dim), m
 
 
 @dataclass(frozen=True)
 class InteractionPoints:
-    """Interaction points as flat arrays.
+    """Interaction points as flat arrays."""
 
-    Args:
-        nodes: shape (num_points, 2, k), int32; [:, 0] candidate, [:, 1] antagonist.
-        weights: shape (num_points, 2, k), interpolation weights (sum 1 on each side).
-        frame: shape (num_points, dim, dim); rows n, t1 (, t2), right-handed and orthonormal. Where
-            nothing acts along the tangent, (num_points, 1, dim), n alone.
-        area: shape (num_points,), m^2 (2D: m, per metre of depth); traction = impulse / (h area).
-        gap: shape (num_points,), normal distance at the start (m).
-        lever_arms: shape (num_points, 2, dim), of sides on rigid bodies (m), zero on the others;
-            None if no side is on a rigid body.
-        round_radius: shape (num_points,), of a contact of round sides (m), 1/R the sum of
-            1/radius; None where no law resists rolling.
-        lips: facets on both sides, with which frames turn (`nscd/turning_frames.py`); None where
-            frames stay what they are.
-        branches: of points between rigid bodies of a periodic cell that deforms; None without one.
-    """
-
-    nodes: np.ndarray
-    weights: np.ndarray
+    nodes: np.ndarray  #: shape (num_points, 2, k), int32; [:, 0] candidate, [:, 1] antagonist
+    weights: np.ndarray  #: shape (num_points, 2, k), interpolation weights (sum 1 on each side)
+    #: shape (num_points, dim, dim); rows n, t1 (, t2), right-handed and orthonormal. Where nothing
+    #: acts along the tangent, (num_points, 1, dim), n alone.
     frame: np.ndarray
+    #: shape (num_points,), m^2 (2D: m, per metre of depth); traction = impulse / (h area)
     area: np.ndarray
-    gap: np.ndarray
+    gap: np.ndarray  #: shape (num_points,), normal distance at the start (m)
+    #: shape (num_points, 2, dim), of sides on rigid bodies (m), zero on the others; None if no side
+    #: is on a rigid body
     lever_arms: np.ndarray | None = None
+    #: shape (num_points,), of a contact of round sides (m), 1/R the sum of 1/radius; None where no
+    #: law resists rolling
     round_radius: np.ndarray | None = None
+    #: facets on both sides, with which frames turn (`nscd/turning_frames.py`); None where frames
+    #: stay what they are
     lips: Lips | None = None
+    #: of points between rigid bodies of a periodic cell that deforms; None without one
     branches: Branches | None = None
 
     @property

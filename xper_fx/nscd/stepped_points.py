@@ -130,24 +130,17 @@ def _take_percussions(
 
 
 class SteppedPoints(PointValues):
-    """Interaction points that are stepped.
+    """Interaction points that are stepped."""
 
-    Attributes:
-        step_size: h of the step (s).
-        theta: weight of its end.
-        renewals: how often contacts were found anew.
-        turns: whether frames of points turn with their bodies, on whichever rank.
-        too_far: by how much internal variables have gone further in the step than the velocities
-            last given to `evolve` ask for, relative: what iterates on the way broke for nothing.
-        from_scheme: what contacts lost in the step last committed that a scheme with theta > 1/2
-            would else count as its damping (J; 2D: J/m).
-    """
-
-    step_size: float
-    theta: float
-    renewals: int
-    turns: bool
+    step_size: float  #: h of the step (s)
+    theta: float  #: weight of its end
+    renewals: int  #: how often contacts were found anew
+    turns: bool  #: whether frames of points turn with their bodies, on whichever rank
+    #: by how much internal variables have gone further in the step than the velocities last given
+    #: to `evolve` ask for, relative: what iterates on the way broke for nothing
     too_far: float
+    #: what contacts lost in the step last committed that a scheme with theta > 1/2 would else count
+    #: as its damping (J; 2D: J/m)
     from_scheme: float
     _found: FoundContacts
     _carried: FoundContacts
@@ -361,8 +354,7 @@ class SteppedPoints(PointValues):
         for g in self.groups:
             push_kernel(g.sides, g.blocks)(velocity, g.couplings, g.impulse)
         if self.halo is not None:
-            self.halo.everywhere.add_back(velocity)
-            self.halo.everywhere.forward(velocity)
+            self.halo.add_up(velocity)
 
     def impulses(self) -> np.ndarray:
         """H r: impulses of the current step on the interacting nodes, shape (num_slots, dim)."""

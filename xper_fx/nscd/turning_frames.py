@@ -94,56 +94,39 @@ _ALIKE = 1e-12
 
 
 class LipMotion(NamedTuple):
-    """How the nodes of lips move in a step, arrays over the slots, flat; the last slots may lack.
+    """How the nodes of lips move in a step, flat arrays over the slots; the last ones may lack."""
 
-    Attributes:
-        displacement: q0 (m).
-        velocity: v0 (m/s).
-        mean: v_theta as far as it is known (m/s).
-        starts: whether that is v0.
-        gradient, rate: shape (dim, dim), Fbar at q0 and its rate in v_theta (1/s), of a periodic
-            cell, whose nodes move with the fluctuation; else without entries.
-    """
-
-    displacement: np.ndarray
-    velocity: np.ndarray
-    mean: np.ndarray
-    starts: bool
+    displacement: np.ndarray  #: q0 (m)
+    velocity: np.ndarray  #: v0 (m/s)
+    mean: np.ndarray  #: v_theta as far as it is known (m/s)
+    starts: bool  #: whether that is v0
+    #: gradient, rate: shape (dim, dim), Fbar at q0 and its rate in v_theta (1/s), of a periodic
+    #: cell, whose nodes move with the fluctuation; else without entries
     gradient: np.ndarray
     rate: np.ndarray
 
 
 class TurningFrames(NamedTuple):
-    """What the points of a group need besides to turn.
+    """What the points of a group need besides to turn."""
 
-    Attributes:
-        nodes, gradient, tangent: of the lips of each site (`lips.py`).
-        start, axes: F at the start and in the middle of the step, shape (sites, 1, 2), the
-            normal, or (sites, 3, 3).
-        omega: shape (sites, 1) or (sites, 3), spin in v_theta in the axes, rad/s.
-        arms: b, shape (sites, 1, 2), or b_1, b_2, c_1, c_2, shape (sites, 4, 3), 1/m.
-        faults: shape (sites,), uint8, whether lips flip or fold, `_FLIPPED` and `_FOLDED`.
-        moment: shape (sites, 1) or (sites, 3), what couples add up to in the axes, N m s.
-        site: shape (n,), int32, of each point.
-        jump: F_m d_m, shape (n, dim), m.
-        by_spin: shape (n,), which points are of the second kind.
-        kept: shape (n,), which points keep the frame that they had, without couple.
-        isotropic: shape (n,), whether the energy hangs on the length of an open jump alone.
-    """
-
+    #: nodes, gradient, tangent: of the lips of each site (`lips.py`)
     nodes: np.ndarray
     gradient: np.ndarray
     tangent: np.ndarray
+    #: start, axes: F at the start and in the middle of the step, shape (sites, 1, 2), the normal,
+    #: or (sites, 3, 3)
     start: np.ndarray
     axes: np.ndarray
-    omega: np.ndarray
-    arms: np.ndarray
+    omega: np.ndarray  #: shape (sites, 1) or (sites, 3), spin in v_theta in the axes, rad/s
+    arms: np.ndarray  #: b, shape (sites, 1, 2), or b_1, b_2, c_1, c_2, shape (sites, 4, 3), 1/m
+    #: shape (sites,), uint8, whether lips flip or fold, `_FLIPPED` and `_FOLDED`
     faults: np.ndarray
-    moment: np.ndarray
-    site: np.ndarray
-    jump: np.ndarray
-    by_spin: np.ndarray
-    kept: np.ndarray
+    moment: np.ndarray  #: shape (sites, 1) or (sites, 3), what couples add up to in the axes, N m s
+    site: np.ndarray  #: shape (n,), int32, of each point
+    jump: np.ndarray  #: F_m d_m, shape (n, dim), m
+    by_spin: np.ndarray  #: shape (n,), which points are of the second kind
+    kept: np.ndarray  #: shape (n,), which points keep the frame that they had, without couple
+    #: shape (n,), whether the energy hangs on the length of an open jump alone
     isotropic: np.ndarray
 
     @classmethod
@@ -293,7 +276,6 @@ def site_loop(dim: int, width: int):
     """The loop over a range of sites that finds how they stand in the step.
 
     Args:
-        dim: dimension of space.
         width: nodes of a facet.
     """
     find = _find_site(dim, width)

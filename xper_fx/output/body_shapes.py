@@ -16,17 +16,11 @@ from xper_fx.nscd.rigid.shapes import CLUSTER, DISC, POLYGON, Shape
 
 
 class Moments(NamedTuple):
-    """Moments of some solids, in 2D per metre of depth.
+    """Moments of some solids, in 2D per metre of depth."""
 
-    Attributes:
-        volume: shape (n,), m^3 (2D: m^2).
-        first: shape (n, dim), m^4 (2D: m^3).
-        second: shape (n, dim, dim), m^5 (2D: m^4).
-    """
-
-    volume: np.ndarray
-    first: np.ndarray
-    second: np.ndarray
+    volume: np.ndarray  #: shape (n,), m^3 (2D: m^2)
+    first: np.ndarray  #: shape (n, dim), m^4 (2D: m^3)
+    second: np.ndarray  #: shape (n, dim, dim), m^5 (2D: m^4)
 
 
 def cell_moments(V, x: np.ndarray) -> Moments:

@@ -17,7 +17,7 @@ class ContactForces(NamedTuple):
     Attributes:
         bodies: candidate and antagonist, shape (n, 2), int. Meshed bodies have the numbers they
             have in `Scene.bodies`, rigid ones come after them; of a mesh that is spread over ranks,
-            their labels.
+            their labels, after the largest of which rigid ones are numbered.
         position: of the point, shape (n, dim), m; to first order in the step. In a periodic cell
             of rigid bodies it is that at the candidate's image in the cell at the origin.
         normal: from antagonist to candidate, shape (n, dim).
@@ -84,20 +84,29 @@ def body_of_slot(simulation: Simulation) -> np.ndarray:
     Where ranks divide meshed bodies, of this rank's slots and of its ghosts; all ranks call it
     together.
     """
-    body, first_rigid = np.empty(0, int), 0
+    body = np.empty(0, int)
     if simulation.scene.bodies is not None:
-        first_rigid = simulation.scene.bodies.num_bodies
         body = simulation.bulk.layout.body_of_node()[simulation.model.slot_nodes]
         if simulation.part is not None:
             body = simulation.scene.bodies.numbers_on_all(simulation.part.body_numbers[body])
     if simulation.rigid is not None:
-        numbers = first_rigid + np.arange(len(simulation.scene.rigid_bodies))
+        numbers = first_rigid(simulation) + np.arange(len(simulation.scene.rigid_bodies))
         numbers = numbers[_rigid_here(simulation)]
         body = np.concatenate([body, np.repeat(numbers, 2)])
     if simulation.part is not None:
         spread = np.repeat(body[:, None], simulation.bulk.dim, axis=1).astype(float)
         body = simulation.interactions.halo.with_ghost_values(spread)[:, 0].astype(int)
     return body
+
+
+def first_rigid(simulation: Simulation) -> int:
+    """Number of the first rigid body in `ContactForces.bodies`; all ranks call it together."""
+    bodies = simulation.scene.bodies
+    if bodies is None:
+        return 0
+    if bodies.spread is None:
+        return bodies.num_bodies
+    return 1 + int(bodies.spread.ranks.max(int(bodies.labels.max(initial=-1))))
 
 
 def _rigid_here(simulation: Simulation) -> slice | np.ndarray:

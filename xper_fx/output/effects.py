@@ -28,18 +28,13 @@ from xper_fx.support.checks import require_kind
 
 
 class Effect(NamedTuple):
-    """A row of the table.
+    """A row of the table."""
 
-    Attributes:
-        name: the effect.
-        on: whether a simulation calls for it.
-        nbytes: how many bytes it holds where it is on.
-        phases: phases of the run (`xper_fx/support/profile.py`) that are its alone.
-    """
-
-    name: str
-    on: Callable[[Simulation], bool]
+    name: str  #: the effect
+    on: Callable[[Simulation], bool]  #: whether a simulation calls for it
+    #: how many bytes it holds where it is on
     nbytes: Callable[[Simulation], int] = lambda simulation: 0
+    #: phases of the run (`xper_fx/support/profile.py`) that are its alone
     phases: tuple[str, ...] = ()
 
 
@@ -143,10 +138,7 @@ EFFECTS = (
         ("turning frames",),
     ),
     Effect(
-        "rigid bodies",
-        lambda s: s.rigid is not None,
-        lambda s: s.rigid.nbytes,
-        ("rigid bodies",),
+        "rigid bodies", lambda s: s.rigid is not None, lambda s: s.rigid.nbytes, ("rigid bodies",)
     ),
     Effect("clusters", _has_clusters, lambda s: s.scene.rigid_bodies.shapes.offset.nbytes),
     Effect(
@@ -178,11 +170,7 @@ EFFECTS = (
     _of_laws("rolling resistance"),
     _of_laws("perfect bond"),
     Effect("fields", lambda s: any(map(fields_of, s.model.points.laws))),
-    Effect(
-        "periodicity",
-        _is_meshed_cell,
-        lambda s: s.bulk.unknowns.nbytes,
-    ),
+    Effect("periodicity", _is_meshed_cell, lambda s: s.bulk.unknowns.nbytes),
     Effect(
         "macroscopic control",
         _is_meshed_cell,
@@ -190,8 +178,7 @@ EFFECTS = (
         ("macroscopic averages",),
     ),
     Effect(
-        "mean stress given",
-        lambda s: _is_meshed_cell(s) and len(s.scene.macroscopic.stress) > 0,
+        "mean stress given", lambda s: _is_meshed_cell(s) and len(s.scene.macroscopic.stress) > 0
     ),
     Effect("lattice of rigid bodies", lambda s: s.scene.lattice is not None),
     Effect(
@@ -235,21 +222,13 @@ EFFECTS = (
 
 
 class EffectRow(NamedTuple):
-    """What an effect is to a simulation.
+    """What an effect is to a simulation."""
 
-    Attributes:
-        name: the effect.
-        on: whether the scene calls for it.
-        memory: bytes held for it.
-        seconds: time spent in phases that are its alone.
-        calls: how often these were entered.
-    """
-
-    name: str
-    on: bool
-    memory: int
-    seconds: float
-    calls: int
+    name: str  #: the effect
+    on: bool  #: whether the scene calls for it
+    memory: int  #: bytes held for it
+    seconds: float  #: time spent in phases that are its alone
+    calls: int  #: how often these were entered
 
 
 def _law_effects(simulation: Simulation) -> dict[str, int]:

@@ -25,10 +25,7 @@ class FiledRows:
     """
 
     def __init__(
-        self,
-        ranks: Ranks,
-        own: npt.NDArray[np.int64],
-        files: list[npt.NDArray[np.int64]],
+        self, ranks: Ranks, own: npt.NDArray[np.int64], files: list[npt.NDArray[np.int64]]
     ) -> None:
         self._ranks = ranks
         self._unchanged = ranks.all(len(files) == 1 and np.array_equal(own, files[0]))

@@ -38,19 +38,12 @@ _VEIL, _DIM = 0.2, 0.45
 
 @dataclass(frozen=True)
 class Look:
-    """How frames are drawn.
+    """How frames are drawn."""
 
-    Attributes:
-        bounds: of the window, (low, high) of each axis, shape (dim, 2), m.
-        scale: colours of values; None for those of kinds.
-        chains: whether contact forces are drawn.
-        view: height and angle of the viewer (degrees).
-    """
-
-    bounds: np.ndarray
-    scale: ScalarMappable | None
-    chains: bool
-    view: tuple[float, float]
+    bounds: np.ndarray  #: of the window, (low, high) of each axis, shape (dim, 2), m
+    scale: ScalarMappable | None  #: colours of values; None for those of kinds
+    chains: bool  #: whether contact forces are drawn
+    view: tuple[float, float]  #: height and angle of the viewer (degrees)
 
     @property
     def share(self) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from xper_fx.output.contact_forces import body_of_slot
+from xper_fx.output.contact_forces import body_of_slot, first_rigid
 from xper_fx.simulation.simulation import Simulation
 
 
@@ -23,7 +23,7 @@ def packing_columns(simulation: Simulation) -> dict[str, float]:
     """
     bodies, interactions = simulation.scene.rigid_bodies, simulation.interactions
     body = body_of_slot(simulation)
-    first = 0 if simulation.scene.bodies is None else simulation.scene.bodies.num_bodies
+    first = first_rigid(simulation)
     free = ~bodies.is_prescribed.all(axis=1)
     pushing, overlap, pairs = 0, 0.0, [np.empty((0, 2), int)]
     for group in interactions.contacts:

@@ -29,10 +29,7 @@ from typing import Any
 
 import numpy as np
 
-from xper_fx.output.field_series import (
-    FieldSeries,
-    remove_series,
-)
+from xper_fx.output.field_series import FieldSeries, remove_series
 from xper_fx.output.folder_lock import FolderLock
 from xper_fx.output.gauges import CellGauge, TensileGauge, require_gauge
 from xper_fx.output.history import HISTORY_COLUMNS, History

@@ -125,7 +125,10 @@ class Halo:
         everywhere: exchange with all ranks.
         corners: exchange of what permanent points ask for.
         phases: exchange with one rank, phase after phase from the first.
+        copies: of what is on every rank; see `RigidHalo`.
     """
+
+    copies = 1
 
     def __init__(
         self,
@@ -238,6 +241,11 @@ class Halo:
     def clear(self, values: np.ndarray) -> None:
         """Set the ghosts of a flat array over all slots to zero."""
         values[self._first : self._last] = 0.0
+
+    def add_up(self, velocity: np.ndarray) -> None:
+        """Let all have the velocities to which each has added on its side, cleared before."""
+        self.everywhere.add_back(velocity)
+        self.everywhere.forward(velocity)
 
     def gather(self, values: np.ndarray) -> np.ndarray:
         """Values at all points from those at this rank's, in the scene's order, on every rank."""

@@ -17,7 +17,7 @@ from xper_fx.bodies.surfaces import numbered_surface
 from xper_fx.nscd.search.surface import Surface
 
 # Numbers that keys of contacts have room for (`surface_search.py`).
-_MOST = 1 << 30
+MOST = 1 << 30
 
 
 class Tables(NamedTuple):
@@ -29,7 +29,7 @@ class Tables(NamedTuple):
         body: shape (f,).
         group: shape (f,), int32.
         thickness: shape (f,), m.
-        exposed: shape (f,), bool.
+        exposed, ajar: shape (f,), bool.
         node: shape (n,), ascending.
         start: shape (n, dim), where nodes were at the start (m).
         weld: shape (n,), smallest node of each node's weld.
@@ -44,6 +44,7 @@ class Tables(NamedTuple):
     group: np.ndarray
     thickness: np.ndarray
     exposed: np.ndarray
+    ajar: np.ndarray
     node: np.ndarray
     start: np.ndarray
     weld: np.ndarray
@@ -57,8 +58,8 @@ class Tables(NamedTuple):
         nodes = np.isin(self.node, self.corners[facets])
         there = np.isin(self.which, bodies)
         return Tables(
-            *(a[facets] for a in self[:6]), *(a[nodes] for a in self[6:9]),
-            *(a[there] for a in self[9:]),
+            *(a[facets] for a in self[:7]), *(a[nodes] for a in self[7:10]),
+            *(a[there] for a in self[10:]),
         )  # fmt: skip
 
 
@@ -68,8 +69,8 @@ def joined(parts: Sequence[Tables]) -> Tables:
     orders = (np.argsort(column) for column in (whole.facet, whole.node, whole.which))
     facets, nodes, bodies = orders
     return Tables(
-        *(a[facets] for a in whole[:6]), *(a[nodes] for a in whole[6:9]),
-        *(a[bodies] for a in whole[9:]),
+        *(a[facets] for a in whole[:7]), *(a[nodes] for a in whole[7:10]),
+        *(a[bodies] for a in whole[10:]),
     )  # fmt: skip
 
 
@@ -108,10 +109,10 @@ def own_surface(bodies: Bodies, V, groups, rank: int) -> OwnSurface:
     dofs = V.dofmap.list
     k, dim = dofs.shape[1], whole.dim
     cells = bodies.spread.num_cells
-    if max(cells * k, 36 * cells if dim == 3 else 0, int(bodies.labels.max())) >= _MOST:
+    if max(cells * k, 36 * cells if dim == 3 else 0, int(bodies.labels.max())) >= MOST:
         raise ValueError(
             "Searched contacts take labels of bodies below 2^30, and meshes of fewer than "
-            f"{_MOST // (36 if dim == 3 else k)} cells; there are {cells} cells, and labels up to "
+            f"{MOST // (36 if dim == 3 else k)} cells; there are {cells} cells, and labels up to "
             f"{bodies.labels.max()}."
         )
     number = np.full(int(dofs.max()) + 1, np.iinfo(np.int64).max)

@@ -5,6 +5,18 @@ Every rank has the velocities of all bodies. While contacts are swept a rank mov
 and, in the phase in which it meets another rank, those of the other at the contacts between the
 two that it owns; these *ghosts* follow their owners by DOLFINx index maps. Before sweeps and after
 them the velocities of all bodies are put together, the same bits on all ranks.
+
+**A cell that stress drives** is moved by all contacts. Each of R ranks sweeps with a copy of
+y = dF/dt that has the R-th part of its mass m (mass splitting, Tonge, Benevolenski and Voroshilov
+2012), and after a sweep all take the mean of the copies,
+
+    y_r = y + (R / m) sum of B r over the contacts of r,    mean of y_r = y + (1 / m) sum of B r,
+
+B r what a contact with the impulse r gives the cell: the momentum of the cell is that of one rank.
+As |sum of g_r|^2 <= R sum |g_r|^2 over the g_r that ranks give, what ranks minimise (impulses
+without friction minimise r . W r / 2 + r . u) bounds that of one rank from above and touches it
+where the last sweep has ended: each sweep brings it down, and where nothing changes any more the
+copies are one.
 """
 
 from __future__ import annotations
@@ -16,6 +28,8 @@ from xper_fx.parallel.halo import Exchange
 from xper_fx.parallel.ownership import owners_of_pairs, phases
 from xper_fx.parallel.rows_of_all import RowsOfAll
 from xper_fx.support.ranks import Ranks
+
+_NOTHING = np.zeros(0, bool)
 
 
 class RigidHalo:
@@ -29,14 +43,16 @@ class RigidHalo:
         moves: shape (num_bodies,), bool: which bodies contacts can move; others are everywhere.
         pairs: shape (n, 2), bodies that may come into contact, the same on all ranks.
         dofs: degrees of freedom of a body.
-        num_common: blocks behind those of the bodies that no contact moves; what contacts give them
-            is added up as that of bodies.
+        common: shape (n,), bool: which degrees of freedom contacts move of blocks behind those of
+            the bodies that every rank has; what contacts give these blocks is added up as that of
+            bodies.
 
     Attributes:
         everywhere: exchange of the velocities of all bodies.
         phases: exchange with one rank, phase after phase from the first.
         numbers: shape (0,), of permanent points, of which there are none.
         cut: this rank's bodies that others move, and its ghosts.
+        copies: of what is common, with a part of the mass each: one a rank where contacts move it.
     """
 
     def __init__(
@@ -46,17 +62,21 @@ class RigidHalo:
         moves: np.ndarray,
         pairs: np.ndarray,
         dofs: int,
-        num_common: int = 0,
+        common: np.ndarray = _NOTHING,
     ):
         self.ranks, self._rank_of_body, self._moves = ranks, rank_of_body, moves
         self.numbers = np.zeros(0, np.int64)
+        num_common = len(common) // dofs
         self.everywhere = RowsOfAll(ranks, np.pad(rank_of_body, (0, num_common)), dofs)
+        self._of_bodies = RowsOfAll(ranks, rank_of_body, dofs)
+        self._shared = len(rank_of_body) * dofs + np.flatnonzero(common)
+        self.copies = ranks.size if len(self._shared) else 1
         pairs = pairs[moves[pairs].all(axis=1)]
         sides = rank_of_body[pairs]
         self._phase_of = phases(sides, ranks.size)
         owner, me = owners_of_pairs(sides), ranks.rank
         self.phases = []
-        cut = [np.zeros(0, np.int64)]
+        cut = [self._shared // dofs]
         for phase in range(1, int(self._phase_of.max(initial=0)) + 1):
             given, ghosts = {}, {}
             for other in np.flatnonzero(self._phase_of[me] == phase).tolist():
@@ -77,7 +97,17 @@ class RigidHalo:
 
     def clear(self, values: np.ndarray) -> None:
         """Set bodies of other ranks to zero in a flat array over all slots."""
-        self.everywhere.clear(values)
+        self._of_bodies.clear(values)
+
+    def add_up(self, velocity: np.ndarray) -> None:
+        """Let all have the velocities to which each has added on its side, cleared before."""
+        self._of_bodies.add_back(velocity)
+        self.settle(velocity)
+
+    def settle(self, velocity: np.ndarray) -> None:
+        """Let all copies of what is common be their mean."""
+        if self.copies > 1:
+            velocity[self._shared] = self.ranks.sum(velocity[self._shared]) / self.copies
 
     def gather(self, values: np.ndarray) -> np.ndarray:
         """Values at permanent points, of which there are none."""

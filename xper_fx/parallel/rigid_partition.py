@@ -55,7 +55,7 @@ class RigidDivision:
         dim: dimension of space.
         groups: shape (num_bodies,), whole numbers: bodies that move and have the same one are on
             one rank.
-        num_common: as of `RigidHalo`.
+        common: as of `RigidHalo`.
 
     Attributes:
         halo: what contacts have to do with other ranks, None where each rank has all.
@@ -65,10 +65,10 @@ class RigidDivision:
     """
 
     def __init__(
-        self, ranks: Ranks, moves: np.ndarray, dim: int, groups: np.ndarray, num_common: int = 0
+        self, ranks: Ranks, moves: np.ndarray, dim: int, groups: np.ndarray, common: np.ndarray
     ):
         self.ranks, self._moves = ranks, moves
-        self._dofs, self._num_common = 2 * dim, num_common
+        self._dofs, self._common = 2 * dim, common
         names, self._group_of_moving = np.unique(groups[moves], return_inverse=True)
         self._num_groups = len(names)
         self.halo: RigidHalo | None = None
@@ -101,7 +101,7 @@ class RigidDivision:
             if self.halo is None or cost > self._reached + _GROWN:
                 self._partition(weighed, weights, cost)
         self.halo = RigidHalo(
-            self.ranks, self.rank_of_body, self._moves, moving, self._dofs, self._num_common
+            self.ranks, self.rank_of_body, self._moves, moving, self._dofs, self._common
         )
         return self._owner(self.rank_of_body, pairs) == self.ranks.rank
 

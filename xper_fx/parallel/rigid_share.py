@@ -84,10 +84,16 @@ def share_rigid(
     """
     dim, moves = rigid.dim, ~rigid.is_prescribed.all(axis=1)
     low, high = boxes_of(meshed)
-    rank = np.empty(len(rigid), np.int32)
+    nearest, least = np.empty(len(rigid), np.int64), np.empty(len(rigid))
     for body, centre in enumerate(rigid.position):
         beside = np.maximum(np.maximum(low - centre, centre - high), 0.0)
-        rank[body] = rank_of_meshed[np.argmin((beside**2).sum(axis=1))]
+        squared = (beside**2).sum(axis=1)
+        nearest[body] = np.argmin(squared)
+        least[body] = squared[nearest[body]]
+    rank = rank_of_meshed[nearest].astype(np.int32)
+    if meshed.spread is not None:  # each rank knows those around its own
+        closest = np.argmin(ranks.comm.allgather(least), axis=0)
+        rank = np.array(ranks.comm.allgather(rank))[closest, np.arange(len(rigid))]
     _, first, group = np.unique(groups[moves], return_index=True, return_inverse=True)
     rank[moves] = rank[moves][first][group]
     return RigidShare(ranks, rank, moves, dim)

@@ -3,19 +3,22 @@
 
 They are divided as `surface_division.py` divides those of a mesh that each rank has whole.
 Ranks tell each other what they have found by numbers that no partition decides. Two of them agree
-on the pairs of their bodies that may touch; of pairs of others they know nothing.
+on the pairs of their bodies that may touch; of pairs of others they know nothing. Rigid bodies
+count as bodies of two nodes, as there; their numbers come after those of all meshed ones.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.search.contact_pairs import Contacts
 from xper_fx.parallel.halo import Halo
+from xper_fx.parallel.known_surface import MOST
 from xper_fx.parallel.ownership import owners_of_pairs, phases
+from xper_fx.parallel.rigid_share import RigidShare
 from xper_fx.parallel.spread_search import KnownBodies
 from xper_fx.parallel.surface_division import FoundOwners, hand_over, with_ghosts_of_pairs
 from xper_fx.support.ranks import Ranks
@@ -26,23 +29,36 @@ class SpreadDivision:
 
     Args:
         ranks: the ranks.
+        rigid: this rank's share of rigid bodies, None without any.
 
     Attributes:
-        slot: shape (num_nodes,), slots of the nodes of `KnownBodies`, and of the ghosts that there
-            are now; others mean nothing.
-        slot_of_rigid: empty, as there are no rigid bodies.
+        slot: shape (num_nodes + 2 num_rigid,), slots of the nodes of `KnownBodies`, the two of each
+            rigid body after them, and of the ghosts that there are now; others mean nothing.
     """
 
-    def __init__(self, ranks: Ranks):
+    def __init__(self, ranks: Ranks, rigid: RigidShare | None = None):
         self._ranks, self._owners = ranks, FoundOwners()
         self._pairs = np.zeros((0, 4), np.int64)
         self._ghosts = np.zeros(0, np.int64), np.zeros(0, np.int64)
-        self.slot = self.slot_of_rigid = np.zeros(0, np.int64)
+        self.slot = np.zeros(0, np.int64)
+        self._rank_of_rigid, self._moves = np.zeros(0, np.int32), np.zeros(0, bool)
+        self._rigid_here = np.zeros(0, np.int64)
+        if rigid is not None:
+            self._rank_of_rigid, self._moves = rigid.rank_of_body, rigid.moves
+            self._rigid_here = 2 * rigid.here[:, None] + np.arange(2)
 
     def begin(self, interactions: Interactions, slots: np.ndarray) -> None:
         """Take the layer of points, and the slots of own nodes of the surface, by number."""
         self._first: Halo = interactions.halo
         self._own_slots, self._meetings = slots, self._first.meetings
+        here = self._rigid_here
+        first = interactions.bulk_inverse.num_nodes
+        self._rigid_slots = first + np.arange(here.size).reshape(here.shape)
+
+    @property
+    def slot_of_rigid(self) -> np.ndarray:
+        """First slot of each rigid body, shape (num_rigid,)."""
+        return self.slot[len(self.slot) - 2 * len(self._moves) :: 2]
 
     def commit(self) -> None:
         """The contacts found last are those of a step that is done."""
@@ -52,13 +68,16 @@ class SpreadDivision:
         """As `SurfaceDivision.hand_over`; nodes are those of `known`."""
         node, rank = known.tables.node, known.tables.rank
         main = np.take_along_axis(contacts.nodes, contacts.weights.argmax(axis=2)[..., None], 2)
-        owner = owners_of_pairs(rank[known.body_of_node[main[..., 0]]])
+        meshed, moves = contacts.body < 0, np.ones(contacts.body.shape, bool)
+        sides, solid = np.empty(meshed.shape, np.int64), contacts.body[~meshed]
+        sides[meshed] = rank[known.body_of_node[main[meshed, 0]]]
+        sides[~meshed], moves[~meshed] = self._rank_of_rigid[solid], self._moves[solid]
+        owner = owners_of_pairs(np.where(moves, sides, sides[:, ::-1]))
         moved = self._owners.take(contacts.key, owner)
         contacts, some_moved = hand_over(
-            self._ranks, _on(contacts, node[contacts.nodes]), owner, moved
+            self._ranks, _on(contacts, lambda nodes: node[nodes]), owner, moved
         )
-        nodes = np.searchsorted(node, contacts.nodes).astype(np.int32)
-        return _on(contacts, nodes), some_moved
+        return _on(contacts, lambda nodes: np.searchsorted(node, nodes)), some_moved
 
     def take_ghosts(
         self, interactions: Interactions, pairs: np.ndarray, known: KnownBodies
@@ -67,23 +86,35 @@ class SpreadDivision:
 
         Args:
             interactions: the layer.
-            pairs: shape (n, 2), bodies of `known` that may touch.
+            pairs: shape (n, 2), bodies of `known` that may touch, rigid ones after them.
             known: what this rank knows now.
         """
         ranks, tables, me = self._ranks, known.tables, self._ranks.rank
-        sides = tables.rank[pairs]
-        cut = np.column_stack([tables.which[pairs], sides])[sides[:, 0] != sides[:, 1]]
+        sides = np.concatenate([tables.rank, self._rank_of_rigid])[pairs]
+        moves = np.concatenate([np.ones(len(tables.rank), bool), self._moves])[pairs].all(axis=1)
+        which = np.concatenate([tables.which, MOST + np.arange(len(self._moves))])[pairs]
+        cut = np.column_stack([which, sides])[moves & (sides[:, 0] != sides[:, 1])]
         other = np.where(cut[:, 2] == me, cut[:, 3], cut[:, 2])
         told = ranks.comm.alltoall([cut[other == rank] for rank in range(ranks.size)])
         pairs = np.unique(np.concatenate([cut, *told]), axis=0)
         if ranks.max(float(not np.array_equal(pairs, self._pairs))) > 0.0:
             self._pairs = pairs
             self._renew(interactions, known)
-        number, slot = self._ghosts
-        self.slot = np.full(len(tables.node), -1)
-        self.slot[known.own_node] = self._own_slots
-        there = np.isin(tables.node, number)
-        self.slot[there] = slot[np.searchsorted(number, tables.node[there])]
+        self.slot, names, (number, slot) = self._slots(known), self._names(known), self._ghosts
+        there = np.isin(names, number)
+        self.slot[there] = slot[np.searchsorted(number, names[there])]
+
+    def _slots(self, known: KnownBodies) -> np.ndarray:
+        """As `slot`, those of own nodes and rigid bodies alone."""
+        count = len(known.own_node)
+        slots = np.full(count + 2 * len(self._moves), -1)
+        slots[:count][known.own_node] = self._own_slots
+        slots[count + self._rigid_here] = self._rigid_slots
+        return slots
+
+    def _names(self, known: KnownBodies) -> np.ndarray:
+        """Numbers of nodes, and of the two of each rigid body, in the order of `slot`."""
+        return np.concatenate([known.tables.node, MOST + np.arange(2 * len(self._moves))])
 
     def _renew(self, interactions: Interactions, known: KnownBodies) -> None:
         ranks, me = self._ranks, self._ranks.rank
@@ -91,33 +122,29 @@ class SpreadDivision:
         met = np.concatenate(ranks.comm.allgather(np.unique(sides, axis=0)))
         self._meetings = phases(met, ranks.size, self._meetings)
         owner = owners_of_pairs(sides)
-        own_node = np.flatnonzero(known.own_node)
+        own_slots, names = self._slots(known), self._names(known)
         given, ghosts = {}, {}
         for other in np.setdiff1d(sides, [me]).tolist():
             here = (sides == other).any(axis=1)
             for rank, of, nodes in ((other, me, given), (me, other, ghosts)):
                 pairs = here & (owner == rank)
                 nodes[other] = self._nodes_of(bodies[pairs][sides[pairs] == of], known)
-        given = {
-            rank: self._own_slots[np.searchsorted(own_node, nodes)]
-            for rank, nodes in given.items()
-            if len(nodes)
-        }
+        given = {rank: own_slots[nodes] for rank, nodes in given.items() if len(nodes)}
         halo = with_ghosts_of_pairs(interactions, self._first, given, self._meetings)
         numbers, slots = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
         for rank, nodes in ghosts.items():
             if len(nodes):
-                numbers.append(known.tables.node[nodes])
+                numbers.append(names[nodes])
                 slots.append(halo.wanted[rank][-len(nodes) :])
         number, slot = np.concatenate(numbers), np.concatenate(slots)
         order = np.argsort(number)
         self._ghosts = number[order], slot[order]
 
-    @staticmethod
-    def _nodes_of(bodies: np.ndarray, known: KnownBodies) -> np.ndarray:
-        """Nodes of bodies that are given by their numbers, ascending."""
-        there = np.isin(known.tables.which, bodies)
-        return np.flatnonzero(there[known.body_of_node])
+    def _nodes_of(self, bodies: np.ndarray, known: KnownBodies) -> np.ndarray:
+        """Nodes of bodies that are given by their numbers, places in `slot`, ascending."""
+        there = np.isin(known.tables.which, bodies)[known.body_of_node]
+        rigid = np.isin(MOST + np.arange(len(self._moves)), bodies)
+        return np.flatnonzero(np.concatenate([there, np.repeat(rigid, 2)]))
 
     def saved(self) -> dict:
         """In which phase ranks meet, which hangs on all that was near before."""
@@ -129,7 +156,9 @@ class SpreadDivision:
             self._meetings = saved["meetings"]
 
 
-def _on(contacts: Contacts, nodes: np.ndarray) -> Contacts:
-    """Contacts with other numbers of their nodes."""
-    body, _, *others = contacts
-    return Contacts(body, nodes, *others)
+def _on(contacts: Contacts, numbers: Callable[[np.ndarray], np.ndarray]) -> Contacts:
+    """Contacts with other numbers of the nodes of their meshed sides."""
+    body, nodes, *others = contacts
+    named, meshed = np.zeros(nodes.shape, np.int64), body < 0
+    named[meshed] = numbers(nodes[meshed])
+    return Contacts(body, named, *others)

@@ -5,7 +5,8 @@ A rank holds the surfaces of its own bodies. Whenever lists are made anew the ra
 one box around all of their bodies, those whose boxes overlap the boxes of their bodies there, and
 each gives the others its bodies whose boxes overlap some of theirs: their facets, and the positions
 of their nodes from then on. Nothing else of other ranks is known, and nothing has the size of the
-whole.
+whole. Rigid bodies, which all ranks know, have boxes on one rank each, which looks at their corners
+and centres.
 
 Which nodes bonds weld is known to the ranks of all cells at a vertex. Fragments reach over ranks:
 the smallest number of their bodies goes from neighbour to neighbour until none changes.
@@ -18,9 +19,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from xper_fx.bodies.explode import Bodies
+from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.search.bonded_facets import Bonds
 from xper_fx.nscd.search.contact_pairs import Contacts
 from xper_fx.nscd.search.grid import box_pairs
+from xper_fx.nscd.search.rigid_side import RigidSide
 from xper_fx.nscd.search.surface import Surface
 from xper_fx.nscd.search.surface_search import SurfaceSearch, renamed
 from xper_fx.parallel.halo import Exchange
@@ -36,13 +39,20 @@ class KnownBodies:
         own_body, own_node, body_of_node, own_rigid, known: see `SearchShare`.
     """
 
-    def __init__(self, ranks: Ranks, tables: Tables, given: Sequence[np.ndarray]):
+    def __init__(
+        self,
+        ranks: Ranks,
+        tables: Tables,
+        given: Sequence[np.ndarray],
+        own_rigid: np.ndarray,
+    ):
         """Take the tables of all bodies that are known; all ranks call it together.
 
         Args:
             ranks: the ranks.
             tables: of own bodies and of those of others.
             given: by rank, own nodes that it knows, by their numbers, ascending.
+            own_rigid: see `SearchShare`.
         """
         self._ranks, self.tables = ranks, tables
         node, rank = tables.node, tables.rank
@@ -52,7 +62,7 @@ class KnownBodies:
         self.body_of_node[place] = body[:, None]
         self.own_body = rank == ranks.rank
         self.own_node = self.own_body[self.body_of_node]
-        self.own_rigid = np.zeros(0, bool)
+        self.own_rigid = own_rigid
         self.known = np.ones(len(rank), bool)
         self.corners, self.body = place, body
         rank_of_node = rank[self.body_of_node]
@@ -84,8 +94,10 @@ class SpreadSearch:
         pairs: names of groups that may touch.
         released: facing facets that never held, shape (num_facets,), bool.
         hollows: as of `SurfaceSearch`.
+        rigid: the rigid bodies, and the rank of each, shape (num_rigid,); None without any.
 
     Attributes:
+        reach: as given.
         surface: of own bodies, with all bonds that are known here.
         own: its nodes that are on facets, and so of own bodies, shape (n,).
         depth: the smallest, over all ranks, at which nodes behind a facet are sought (m).
@@ -103,17 +115,21 @@ class SpreadSearch:
         pairs: Sequence[tuple[str, str]],
         released: np.ndarray,
         hollows: bool,
+        rigid: tuple[RigidBodies, np.ndarray] | None = None,
     ):
         self.surface, self._ranks = own.surface, ranks
+        solids, rank_of_rigid = (None, np.zeros(0, int)) if rigid is None else rigid
+        self._rigid = RigidSide(solids, own.surface, pairs)
+        self._own_rigid = rank_of_rigid == ranks.rank
         self._node, self._facet, self._start = own.node, own.facet, own.start
-        self._reach, self._pairs, self._hollows = reach, pairs, hollows
+        self.reach, self._pairs, self._hollows = reach, pairs, hollows
         self._bonds = Bonds(own.surface, released)
         rank_of_body = bodies.spread.rank_of_body
         self._rank_of_node = rank_of_body[own.body_of_node]
         self.own = np.unique(own.surface.facets)
         self._number_of_body = bodies.labels
         self._body_of_node = own.body_of_node
-        search = SurfaceSearch(own.surface, own.start, reach, pairs=pairs)
+        search = SurfaceSearch(own.surface, own.start, reach, pairs=pairs, rigid=self._rigid)
         self._extent = search.extent
         sizes = own.surface.size(own.start)
         self.depth = -ranks.max(-float(search.depth.min(initial=np.inf)))
@@ -139,7 +155,12 @@ class SpreadSearch:
         return self.meetings, self._search.lists.changes
 
     def leave_ajar(self, bonds: np.ndarray) -> None:
-        """Nothing to do, without rigid bodies; of this rank alone, as the next two."""
+        """Let rigid bodies touch nodes of bonds that are open at some points, as `SurfaceSearch`.
+
+        This rank alone calls it, as the next two.
+        """
+        self._bonds.leave_ajar(bonds)
+        self._stale |= len(self._own_rigid) > 0
 
     def expose(self, bonds: np.ndarray) -> None:
         """Free the facets of bonds that broke, as `SurfaceSearch.expose`."""
@@ -151,13 +172,19 @@ class SpreadSearch:
         self._bonds.release(bonds)
         self._stale = True
 
-    def find(self, x: np.ndarray, position: None = None, rotation: None = None) -> Contacts:
+    def find(
+        self,
+        x: np.ndarray,
+        position: np.ndarray | None = None,
+        rotation: np.ndarray | None = None,
+    ) -> Contacts:
         """The contacts that own nodes and edges have; nodes are those of `known`.
 
         Args:
             x: shape (len(own), dim), positions of own nodes (m).
-            position, rotation: None, as there are no rigid bodies.
+            position, rotation: as of `SurfaceSearch`.
         """
+        self._rigid.move(position, rotation)
         stale = self._search is None or self._ranks.max(float(self._stale)) > 0.0
         if not stale:
             self.x[self.known.own_node] = x
@@ -167,10 +194,10 @@ class SpreadSearch:
                 return self._renamed(self._search.find_in_lists(self.x))
             self._skin = self._search.lists.skin
         self._meet(x)
-        return self._renamed(self._search.find(self.x))
+        return self._renamed(self._search.find(self.x, position, rotation))
 
     def pairs_of_bodies(self) -> np.ndarray:
-        """Bodies of `known` in the lists, shape (n, 2)."""
+        """Bodies of `known` in the lists, shape (n, 2); rigid ones are numbered after them."""
         return self._search.lists.pairs_of_bodies()
 
     def at_surface(self, x: np.ndarray) -> np.ndarray:
@@ -205,16 +232,16 @@ class SpreadSearch:
         tables = joined(got)
         nodes = [part.node for part in given]
         nodes[self._ranks.rank] = own.node[:0]
-        known = self.known = KnownBodies(self._ranks, tables, nodes)
+        known = self.known = KnownBodies(self._ranks, tables, nodes, self._own_rigid)
         surface = Surface(
             known.corners, known.body, len(tables.node), tables.group, self.surface.groups,
             thickness=tables.thickness,
         )  # fmt: skip
         search = self._search = SurfaceSearch(
-            surface, tables.start, self._reach, pairs=self._pairs, share=known,
+            surface, tables.start, self.reach, pairs=self._pairs, rigid=self._rigid, share=known,
             typical_size=self._typical, hollows=self._hollows,
         )  # fmt: skip
-        search.bonds.exposed[:] = search.bonds.ajar[:] = tables.exposed
+        search.bonds.exposed[:], search.bonds.ajar[:] = tables.exposed, tables.ajar
         search.bonds.weld[:] = np.unique(tables.weld, return_inverse=True)[1]
         search.bonds.fragment[:] = tables.fragment
         search.lists.skin = self._skin
@@ -229,16 +256,19 @@ class SpreadSearch:
         surface, own, bodies = self.surface, self.own, np.unique(self.surface.body)
         return Tables(
             self._facet, self._node[surface.facets], self._number_of_body[surface.body],
-            surface.group, surface.thickness, self._bonds.exposed, self._node[own],
-            self._start[own], self._node[self._bonds.weld[own]], self._number_of_body[bodies],
-            self._fragment[bodies], np.full(len(bodies), self._ranks.rank),
+            surface.group, surface.thickness, self._bonds.exposed, self._bonds.ajar,
+            self._node[own], self._start[own], self._node[self._bonds.weld[own]],
+            self._number_of_body[bodies], self._fragment[bodies],
+            np.full(len(bodies), self._ranks.rank),
         )  # fmt: skip
 
     def _given(self, x: np.ndarray) -> list[np.ndarray]:
         """By rank, numbers of own bodies that it is to know."""
         ranks, low, high = self._ranks, *self._boxes(x)
         bodies = np.flatnonzero((low <= high).all(axis=1))
-        low, high = low[bodies], high[bodies]
+        count, of_rigid = len(bodies), self._boxes_of_rigid()
+        both = zip((low, high), of_rigid, strict=True)
+        low, high = (np.concatenate([meshed[bodies], rigid]) for meshed, rigid in both)
         box = low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf)
         of_ranks = np.array(ranks.comm.allgather(box))
         told, looked = [], []
@@ -248,13 +278,11 @@ class SpreadSearch:
             told.append((low[looked[-1]], high[looked[-1]]))
         heard = ranks.comm.alltoall(told)
         out = []
-        for rank, ((low_here, high_here), (low_there, high_there)) in enumerate(
-            zip(told, heard, strict=True)
-        ):
-            near = np.zeros(0, int)
-            if len(low_here) and len(low_there):
-                met = box_pairs(low_here, high_here, low_there, high_there)
-                near = bodies[looked[rank][np.unique(met[:, 0])]]
+        for rank, (low_there, high_there) in enumerate(heard):
+            here, near = looked[rank][looked[rank] < count], np.zeros(0, int)
+            if len(here) and len(low_there):
+                met = box_pairs(low[here], high[here], low_there, high_there)
+                near = bodies[here[np.unique(met[:, 0])]]
             near = np.concatenate([near, self._welded_to(rank)])
             out.append(self._number_of_body[np.unique(near)])
         return out
@@ -270,6 +298,15 @@ class SpreadSearch:
         np.minimum.at(low, surface.body, corners.min(axis=1) - beyond)
         np.maximum.at(high, surface.body, corners.max(axis=1) + beyond)
         return low, high
+
+    def _boxes_of_rigid(self) -> tuple[np.ndarray, np.ndarray]:
+        """Boxes around own rigid bodies but walls, where they were put last."""
+        side = self._rigid
+        if not len(side.solids):
+            return np.zeros((2, 0, self.surface.dim))
+        own = side.solids[self._own_rigid[side.shapes.body[side.solids]]]
+        centre, radius = side.position[own], side.bounding[own, None]
+        return centre - radius, centre + radius
 
     def _welded_to(self, rank: int) -> np.ndarray:
         """Own bodies that bonds weld to some of a rank."""

@@ -39,19 +39,6 @@ if TYPE_CHECKING:
 
     from xper_fx.support.profile import PhaseRow
 
-__all__ = [
-    "COLOURS",
-    "CRACK_KINDS",
-    "CrackPanel",
-    "new_figure",
-    "plot_cracks",
-    "plot_curves",
-    "plot_energies",
-    "plot_grains",
-    "plot_law",
-    "plot_microstructure",
-    "plot_profile",
-]
 
 CRACK_KINDS: tuple[str, ...] = ("matrix", "interface", "inclusion")
 """What a crack runs through: the meaning of ``CrackPanel.crack_kind`` 0, 1, 2."""
@@ -221,10 +208,12 @@ def plot_microstructure(
                     xytext=(start + side * 0.02 * size[0], height),
                     arrowprops={"arrowstyle": "-|>", "color": "black", "shrinkA": 0, "shrinkB": 0},
                 )
-        axes.set_xlim(low[0] - 0.14 * size[0], high[0] + 0.14 * size[0])
-        axes.set_ylim(low[1] - 0.02 * size[1], high[1] + 0.02 * size[1])
-        axes.set_xlabel(f"x ({unit})")
-        axes.set_ylabel(f"y ({unit})")
+        axes.set(
+            xlim=(low[0] - 0.14 * size[0], high[0] + 0.14 * size[0]),
+            ylim=(low[1] - 0.02 * size[1], high[1] + 0.02 * size[1]),
+            xlabel=f"x ({unit})",
+            ylabel=f"y ({unit})",
+        )
         axes.legend(
             handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=len(handles)
         )
@@ -484,10 +473,7 @@ def plot_cracks(
             points, triangles, material = mesh
             moved = points + magnification * np.asarray(panel.displacement)[:, :2]
             materials = _draw_materials(
-                axes,
-                moved[triangles] / scale,
-                material,
-                names or {1: "matrix", 2: "inclusion"},
+                axes, moved[triangles] / scale, material, names or {1: "matrix", 2: "inclusion"}
             )
             lips = panel.deformed_lips(magnification) / scale
             kind_of = np.asarray(panel.crack_kind).reshape(-1)
@@ -506,8 +492,7 @@ def plot_cracks(
                 handles.append(Line2D([], [], color=colour, lw=2.0, label=text))
             axes.autoscale_view()
             axes.margins(0.03)
-            axes.set_title(panel.title)
-            axes.set_xlabel(f"x ({unit})")
+            axes.set(title=panel.title, xlabel=f"x ({unit})")
             axes.legend(
                 handles=handles,
                 title="cracks through",
@@ -588,9 +573,7 @@ def plot_curves(
             )
         axes.axhline(0.0, color="0.7", lw=0.6, zorder=0)
         axes.margins(x=0.0)
-        axes.set_xlabel("strain (%)")
-        axes.set_ylabel(f"stress ({stress_unit[0]})")
-        axes.set_title(title)
+        axes.set(xlabel="strain (%)", ylabel=f"stress ({stress_unit[0]})", title=title)
         if len(curves) > 1:
             figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3)
 
@@ -646,11 +629,7 @@ def plot_energies(
     def draw(figure: "Figure", rows: npt.NDArray[Any]) -> None:
         upper, lower = rows
         upper.plot(
-            x,
-            data["external_work"] / energy_unit[1],
-            color="black",
-            lw=2.0,
-            label="external work",
+            x, data["external_work"] / energy_unit[1], color="black", lw=2.0, label="external work"
         )
         for column in terms:
             label, colour = _ENERGY_TERMS[column]
@@ -664,8 +643,7 @@ def plot_energies(
                 )
         upper.axhline(0.0, color="0.7", lw=0.6, zorder=0)
         upper.margins(x=0.0)
-        upper.set_ylabel(f"energy ({energy_unit[0]})")
-        upper.set_title(title)
+        upper.set(ylabel=f"energy ({energy_unit[0]})", title=title)
         figure.legend(*upper.get_legend_handles_labels(), loc="outside right upper")
 
         scale = data["external_work"] if by_strain else sum(data[column] for column in terms)
@@ -806,11 +784,8 @@ def plot_profile(
                     va="center",
                     fontsize=7.0,
                 )
-        axes.set_xlim(0.0, total)
-        axes.set_ylim(depth - 0.5, -0.5)
-        axes.set_yticks([])
+        axes.set(xlim=(0.0, total), ylim=(depth - 0.5, -0.5), yticks=[])
         axes.spines[["left", "right", "top"]].set_visible(False)
-        axes.set_xlabel("wall time (s)")
-        axes.set_title(title)
+        axes.set(xlabel="wall time (s)", title=title)
 
     return new_figure(path, draw, (8.0, 0.9 + 0.75 * depth))

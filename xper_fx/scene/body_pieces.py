@@ -14,7 +14,6 @@ def pieces_of_bodies(bodies: Bodies, law_of_facet: np.ndarray) -> np.ndarray:
     """Meshed bodies that facing facets with a law join are one piece.
 
     Args:
-        bodies: the bodies.
         law_of_facet: number of the law of each facing facet, negative without one.
 
     Returns:

@@ -62,7 +62,6 @@ def facet_laws(
     """The laws between bodies and, for each facing facet, its law.
 
     Args:
-        bodies: the bodies.
         interactions, default_interaction, facet_interactions: as in `Scene`.
 
     Returns:

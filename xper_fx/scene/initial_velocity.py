@@ -22,7 +22,6 @@ def check_initial_velocity(
     Args:
         given: as of a `Scene`.
         cell_tags: those that occur.
-        dim: dimension of space.
 
     Raises:
         ValueError: a tag that occurs nowhere; a DOLFINx function without `dim` components.

@@ -241,15 +241,10 @@ Joint = Hinge | Slider | Weld | Tendon
 
 
 class _Frame(NamedTuple):
-    """A point and right-handed axes, the joint's own first.
+    """A point and right-handed axes, the joint's own first."""
 
-    Attributes:
-        point: shape (dim,).
-        axes: shape (dim, dim), rows.
-    """
-
-    point: np.ndarray
-    axes: np.ndarray
+    point: np.ndarray  #: shape (dim,)
+    axes: np.ndarray  #: shape (dim, dim), rows
 
     @classmethod
     def of(cls, joint: Hinge | Slider | Weld) -> _Frame:
@@ -344,17 +339,11 @@ def check_joints(joints: Sequence[Joint], rigid: Sequence[RigidBody], bodies: Ri
 
 
 class RowsOfJoints(NamedTuple):
-    """The rows of some joints, one joint after the other.
+    """The rows of some joints, one joint after the other."""
 
-    Attributes:
-        each: the rows, n of them.
-        joint: number of the joint of each, shape (n,).
-        placed: the same as arrays.
-    """
-
-    each: list[Row]
-    joint: np.ndarray
-    placed: JointRows
+    each: list[Row]  #: the rows, n of them
+    joint: np.ndarray  #: number of the joint of each, shape (n,)
+    placed: JointRows  #: the same as arrays
 
 
 def rows_of_joints(

@@ -39,7 +39,6 @@ def check_loads(loads: Sequence[Load], dim: int) -> None:
 
     Args:
         loads: of the scene.
-        dim: dimension of space.
 
     Raises:
         ValueError: a wrong number of components, a value that is not finite, a displacement that
@@ -121,7 +120,6 @@ def check_motions(loads: Sequence[Load], bodies: Bodies, order: int) -> None:
 
     Args:
         loads: of the scene, motions among them.
-        bodies: the bodies.
         order: of the elements.
 
     Raises:
@@ -147,7 +145,6 @@ def check_places(loads: Sequence[Load], bodies: Bodies, order: int, ranks: Ranks
 
     Args:
         loads: of the scene, motions among them, each of which a rank can take by itself.
-        bodies: the bodies.
         order: of the elements.
         ranks: that share the mesh.
 
@@ -197,7 +194,6 @@ def check_outer(loads: Sequence[Load], walls: Sequence[Wall], bodies: Bodies) ->
 
     Args:
         loads, walls: of the scene, whose tags occur.
-        bodies: the bodies.
 
     Raises:
         ValueError: a tag of facets inside of bodies, where nothing can act.

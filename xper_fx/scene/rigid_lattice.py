@@ -25,7 +25,6 @@ def lattice_of_grains(lattice: npt.ArrayLike, dim: int) -> np.ndarray:
     Args:
         lattice: edges of a box, None for a direction without a period, or as many vectors as there
             are periods, as rows, m.
-        dim: dimension of space.
 
     Raises:
         ValueError, TypeError: something else, or no period at all.
@@ -58,7 +57,6 @@ def check_grains_in_cell(
     """See that bodies, loads and drive go with a lattice.
 
     Args:
-        bodies: the bodies.
         lattice: of `lattice_of_grains`.
         drive: of the cell, None if it keeps its shape.
         has_loads: whether gravity acts.

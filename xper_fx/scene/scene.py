@@ -35,7 +35,7 @@ from xper_fx.scene.material_checks import check_materials
 from xper_fx.scene.wall import Wall
 from xper_fx.support.checks import require_flag, require_integer, require_kind
 from xper_fx.support.compat import geometry_dofmap
-from xper_fx.support.ranks import ALONE
+from xper_fx.support.ranks import ALONE, Ranks
 
 if TYPE_CHECKING:
     from xper_fx.nscd.rigid.bodies import RigidBodies
@@ -94,7 +94,7 @@ class Scene:
         rigid_bodies: the rigid bodies as arrays, None without any.
 
     Raises:
-        SerialOnlyError: rigid bodies or ties beside a mesh that is spread over ranks.
+        SerialOnlyError: ties beside a mesh that is spread over ranks.
         ValueError: a tag without material or law, a tag that occurs nowhere, an order or a rule
             that does not exist, groups that can meet and that no contact names, a rigid wall
             that looks away from all bodies, rigid bodies that overlap.
@@ -145,6 +145,7 @@ class Scene:
         # of a mesh that is spread a rank may find what no other one knows
         ranks = ALONE if spread is None else spread.ranks
         ranks.together(self._check)
+        self._check_walls(ranks)
         if self.bodies is not None:
             check_places(self.loads, self.bodies, self.order, ranks)
         self._fix()
@@ -223,9 +224,8 @@ class Scene:
         )
 
     def _check_with_mesh(self) -> None:
-        for name in ("rigid", "ties"):
-            if getattr(self, name):
-                self.bodies.require_whole(f"A scene with `{name}`")
+        if self.ties:
+            self.bodies.require_whole("A scene with `ties`")
         if self.rigid_bodies is not None and self.rigid_bodies.dim != self.dim:
             raise ValueError(
                 f"The mesh has dimension {self.dim}, the rigid bodies {self.rigid_bodies.dim}."
@@ -291,12 +291,12 @@ class Scene:
         return joined_bodies([joint for joint in self.joints if joint.keeps_apart], self.rigid)
 
     def _check_meetings(self) -> None:
-        """Of groups that may meet: each pair is decided, rigid walls look at the others."""
+        """Of groups that may meet each pair is decided."""
         if not self.contacts:
             return
         from xper_fx.scene.undecided_pairs import check_pairs_decided
 
-        pieces, nodes = {}, {}
+        pieces = {}
         if self.surfaces and self.bodies.spread is not None:
             # no rank knows what hangs together: all groups may be of several pieces each
             pieces = {name: [2 * n, 2 * n + 1] for n, name in enumerate(self.surfaces)}
@@ -304,16 +304,22 @@ class Scene:
             from xper_fx.scene.body_pieces import pieces_of_bodies
 
             piece = pieces_of_bodies(self.bodies, self.law_of_facet()[1])[self.bodies.body_of_cell]
-            mesh = self.bodies.mesh
             for name, tags in self.surfaces.items():
                 own = np.isin(self.bodies.material_of_cell, list(tags))
                 pieces[name] = np.unique(piece[own]).tolist()
-                nodes[name] = mesh.geometry.x[np.unique(geometry_dofmap(mesh)[own]), : self.dim]
         check_pairs_decided(self.contacts, self.rigid_bodies, pieces)
-        if self.rigid_bodies is not None:
-            from xper_fx.scene.upside_down_walls import check_walls_look_at_bodies
 
-            check_walls_look_at_bodies(self.contacts, self.rigid_bodies, nodes)
+    def _check_walls(self, ranks: Ranks) -> None:
+        """Rigid walls look at what may touch them; ranks of a spread mesh call it together."""
+        if not self.contacts or self.rigid_bodies is None:
+            return
+        from xper_fx.scene.upside_down_walls import check_walls_look_at_bodies
+
+        nodes = {}
+        for name, tags in self.surfaces.items():
+            mesh, own = self.bodies.mesh, np.isin(self.bodies.material_of_cell, list(tags))
+            nodes[name] = mesh.geometry.x[np.unique(geometry_dofmap(mesh)[own]), : self.dim]
+        check_walls_look_at_bodies(self.contacts, self.rigid_bodies, nodes, ranks)
 
     def _separate_rigid_bodies(self) -> None:
         """Report or resolve overlaps of rigid bodies at the start."""

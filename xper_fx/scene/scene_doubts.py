@@ -12,12 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from xper_fx.bodies.meshes import (
-    cell_measure,
-    facet_cells,
-    facet_geometry_nodes,
-    midpoints_of,
-)
+from xper_fx.bodies.meshes import cell_measure, facet_cells, facet_geometry_nodes, midpoints_of
 from xper_fx.forms.loads import SurfaceTraction
 from xper_fx.nscd.laws.parameters import fields_of
 from xper_fx.support.compat import geometry_dofmap

@@ -22,24 +22,16 @@ _MESHED = ("order", "points", "materials", "ties", "walls", "surfaces", "damping
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """What `Simulation.snapshot()` gives, and `Scene(after=...)` takes.
+    """What `Simulation.snapshot()` gives, and `Scene(after=...)` takes."""
 
-    Attributes:
-        scene: of the run, a `Scene`.
-        time: s.
-        scheme, inertia: of the run.
-        laws: of its interactions.
-        joint_rows: of its joints, None without any.
-        saved: the state, as `Simulation.saved` gives it, its rows in order.
-    """
-
-    scene: Any
-    time: float
+    scene: Any  #: of the run, a `Scene`
+    time: float  #: s
+    #: scheme, inertia: of the run
     scheme: str
     inertia: bool
-    laws: Sequence[Law]
-    joint_rows: JointRows | None
-    saved: Mapping
+    laws: Sequence[Law]  #: of its interactions
+    joint_rows: JointRows | None  #: of its joints, None without any
+    saved: Mapping  #: the state, as `Simulation.saved` gives it, its rows in order
 
     def numbers_of(self, rigid: Sequence[RigidBody]) -> np.ndarray:
         """Number in the run's scene of each rigid body of another, -1 of a new one; shape (n,)."""

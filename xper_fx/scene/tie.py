@@ -62,7 +62,6 @@ class Tie:
         """See that it fits a scene.
 
         Args:
-            bodies: the bodies.
             order: of the Lagrange space.
 
         Raises:
@@ -84,10 +83,6 @@ class Tie:
 
 def tied_groups(ties: Sequence[Tie], bodies: Bodies) -> np.ndarray:
     """Groups of bodies that ties join, directly or through others.
-
-    Args:
-        ties: the ties.
-        bodies: the bodies.
 
     Returns:
         The group of each body, shape (num_bodies,), int32; a body without a tie is one of its own.
@@ -111,9 +106,7 @@ def tie_points(
     """Points of a tie, on the nodes of a space of order 1.
 
     Args:
-        tie: the tie.
         V: vector Lagrange space of order 1 on `bodies.mesh`.
-        bodies: the bodies.
         turns: whether frames turn with the surfaces.
 
     Returns:

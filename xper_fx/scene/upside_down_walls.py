@@ -9,10 +9,14 @@ import numpy as np
 
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.scene.contact import Contact
+from xper_fx.support.ranks import Ranks
 
 
 def check_walls_look_at_bodies(
-    contacts: Sequence[Contact], bodies: RigidBodies, surfaces: Mapping[str, np.ndarray]
+    contacts: Sequence[Contact],
+    bodies: RigidBodies,
+    surfaces: Mapping[str, np.ndarray],
+    ranks: Ranks,
 ) -> None:
     """See that something of what may touch a rigid wall is in front of it at the start.
 
@@ -20,8 +24,8 @@ def check_walls_look_at_bodies(
 
     Args:
         contacts: of the scene, which name groups that there are.
-        bodies: its rigid bodies.
         surfaces: nodes of the meshed bodies of each surface, shape (n, dim), m, by its name.
+        ranks: that know nodes of these surfaces; they call it together.
 
     Raises:
         ValueError: all of it is behind a wall.
@@ -43,11 +47,12 @@ def check_walls_look_at_bodies(
         # the last axis of a wall points out of it
         normal = turn[:, -1] if bodies.dim == 3 else np.array([-np.sin(turn), np.cos(turn)])
         height = [float(((x - bodies.position[wall]) @ normal).max()) for x in others]
-        if height and max(height) < 0.0:
+        height = ranks.max(max(height, default=-np.inf))
+        if -np.inf < height < 0.0:
             told = np.round(normal, 6) + 0.0  # no -0
             raise ValueError(
                 f"Rigid body {wall}, a wall of the group {group!r}, is upside down: all bodies "
-                f"that may touch it are behind it, at least {-max(height):.3g} m deep. Its normal "
+                f"that may touch it are behind it, at least {-height:.3g} m deep. Its normal "
                 f"{told.tolist()} should point out of the wall, towards the bodies; "
                 f"turn it round: {(0.0 - told).tolist()}."
             )

@@ -32,9 +32,6 @@ class Wall:
     def check(self, dim: int) -> None:
         """See that it fits a scene.
 
-        Args:
-            dim: dimension of space.
-
         Raises:
             ValueError: a point or a normal of another dimension, or not finite; a normal of zero.
             TypeError: a point or a normal that is no list of numbers, a law that is none.

@@ -84,41 +84,31 @@ _TIGHTEST = 1e-3
 
 @dataclass
 class _Learnt:
-    """What the run has shown of the step and of the tolerance.
+    """What the run has shown of the step and of the tolerance."""
 
-    Attributes:
-        base, least, size: of the ladder of steps, of its shortest step, of the next step (s).
-        largest: no step is longer (s).
-        end_time: for which a static run has its ladder (s).
-        meets: whether there are interactions; bodies that touched, if these are to be found.
-        softening_step: in which a bond may snap (s).
-        tolerance: of the impulses.
-        calm: time for which steps as long as `awaited` would have left little enough (s).
-        same, tight_since: steps since the step, and the tolerance, were changed.
-        smooth, ratio: estimate over what is allowed, of steps past and of the last one.
-        rough: the same of the last steps that were doubled.
-        snap_step, one_state: above which initially rigid bonds may snap that have weakened of late,
-            or ever (s).
-        snapped: largest snap number so far.
-    """
-
+    #: base, least, size: of the ladder of steps, of its shortest step, of the next step (s)
     base: float
     least: float
     size: float
-    largest: float
-    softening_step: float
-    tolerance: float
-    meets: bool
-    end_time: float = 0.0
+    largest: float  #: no step is longer (s)
+    softening_step: float  #: in which a bond may snap (s)
+    tolerance: float  #: of the impulses
+    meets: bool  #: whether there are interactions; bodies that touched, if these are to be found
+    end_time: float = 0.0  #: for which a static run has its ladder (s)
+    #: time for which steps as long as `awaited` would have left little enough (s)
     calm: float = 0.0
+    #: same, tight_since: steps since the step, and the tolerance, were changed
     same: int = 0
     tight_since: int = 0
+    #: smooth, ratio: estimate over what is allowed, of steps past and of the last one
     smooth: float = 0.0
     ratio: float = 0.0
-    rough: float = 0.0
+    rough: float = 0.0  #: the same of the last steps that were doubled
+    #: snap_step, one_state: above which initially rigid bonds may snap that have weakened of late,
+    #: or ever (s)
     snap_step: float = np.inf
     one_state: float = np.inf
-    snapped: float = 0.0
+    snapped: float = 0.0  #: largest snap number so far
 
 
 class AccuracyControl:
@@ -132,13 +122,10 @@ class AccuracyControl:
         largest: no step is longer (s).
         softening_step: step (s) above which weakening bonds may snap; infinite without such.
         interacting: whether the scene has interactions.
-        estimate: of the errors.
-        histories: of the loads.
 
     Attributes:
         adapts_step: whether it picks the step.
         tolerance: of the impulses.
-        estimate: of the errors.
         awaited: step (s) that an explicit bulk gives its place to an implicit one for; infinite
             for others.
     """
@@ -275,7 +262,6 @@ class AccuracyControl:
             time: at the start of the step (s).
             size: h (s).
             energies: of the bulk at the end of the step.
-            outcome: of the step.
             end_time: of the run (s), over which the error is spread.
         """
         learnt, estimate = self._learnt, self.estimate

@@ -23,7 +23,6 @@ def commit_interactions(
 
     Args:
         model: what is stepped.
-        outcome: the step.
         size: h (s).
         energies: of the bulk in it.
         last: what interactions did to the bulk at the start of a static step (N).

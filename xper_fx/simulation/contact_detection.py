@@ -203,7 +203,6 @@ class Detection:
         """Take the layer of points where ranks divide meshed bodies.
 
         Args:
-            interactions: the layer.
             nodes: as of `renew`.
         """
         if self._shared is not None:
@@ -237,7 +236,6 @@ class Detection:
         """Give the interaction layer the contacts of a step.
 
         Args:
-            interactions: the layer.
             nodes: interacting nodes, among the unknowns, in the order of the layer's slots.
             bulk: the meshed bodies.
             state: of the meshed bodies, at the start of the step.

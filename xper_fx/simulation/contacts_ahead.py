@@ -28,22 +28,24 @@ def surface_contacts(
     """The contacts of surfaces, without those of tools that are open and stay so.
 
     Args:
-        search: of the surfaces.
         x: positions of the nodes, shape (num_nodes, dim), m.
         rigid: of the rigid bodies, None without any.
         ahead: time for which driven tools go on (s), 0 where bodies have inertia.
     """
     if rigid is None:
         return search.find(x, None, None)
-    contacts = search.find(x, rigid.position, rigid.rotation)
     if ahead == 0.0:
-        return contacts
+        return search.find(x, rigid.position, rigid.rotation)
     way, near = ahead * rigid.free if rigid.way is None else rigid.way, _NEAR * search.reach
-    counts = ~np.any(contacts.body >= 0, axis=1) | (contacts.gap <= near)
+    soon = []
     for part in _PLACES:
         place = rigid.position + part * way[0::2]
         there = search.find(x, place, _turned(rigid.rotation, part * way[1::2]))
-        counts |= np.isin(contacts.key[:, 0], there.key[there.gap <= near, 0])
+        soon.append(there.key[there.gap <= near, 0])
+    # last, as nodes of a spread mesh are numbered as the last search knows them
+    contacts = search.find(x, rigid.position, rigid.rotation)
+    counts = ~np.any(contacts.body >= 0, axis=1) | (contacts.gap <= near)
+    counts |= np.isin(contacts.key[:, 0], np.concatenate(soon))
     return contacts.take(np.flatnonzero(counts))
 
 

@@ -26,23 +26,15 @@ _LITTLE_LEFT = 1e-6
 
 @dataclass
 class Course:
-    """The way to an end time.
+    """The way to an end time."""
 
-    Attributes:
-        end_time: s.
-        step: the step that was given (s).
-        left: whole steps left, where the step is given.
-        pieces: sizes (s) and halvings of what is left of a step that is cut, the next one last.
-        resumes: whether it was restored, and no step has been made since.
-        cautious: steps to come that begin in halves.
-    """
-
-    end_time: float = math.nan
-    step: float = 0.0
-    left: int = 0
+    end_time: float = math.nan  #: s
+    step: float = 0.0  #: the step that was given (s)
+    left: int = 0  #: whole steps left, where the step is given
+    #: sizes (s) and halvings of what is left of a step that is cut, the next one last
     pieces: list[tuple[float, int]] = field(default_factory=list)
-    resumes: bool = False
-    cautious: int = 0
+    resumes: bool = False  #: whether it was restored, and no step has been made since
+    cautious: int = 0  #: steps to come that begin in halves
 
     def begin(self, size: float) -> None:
         """Begin the next step, of a size (s), in one piece or two."""

@@ -56,15 +56,13 @@ def decomposed(scene: Scene, options: Options, team: Ranks, stopwatch: Stopwatch
     if team.alone:
         return Decomposition()
     touching = _searches(scene)
-    rigid_alone = scene.bodies is None and not _gives(scene)
-    if rigid_alone and touching and options.solver in ("auto", "nlgs"):
+    if scene.bodies is None and touching and options.solver in ("auto", "nlgs"):
         from xper_fx.parallel.rigid_partition import RigidDivision
 
-        moves, dim = ~scene.rigid_bodies.is_prescribed.all(axis=1), scene.dim
-        # dF/dt of a periodic cell has a column in each half of a body's block
-        columns = 0 if scene.macroscopic is None else (dim + 1) // 2
+        moves = ~scene.rigid_bodies.is_prescribed.all(axis=1)
         groups = _rigid_groups(scene, moves, False)
-        return Decomposition(team, None, RigidDivision(team, moves, dim, groups, columns))
+        division = RigidDivision(team, moves, scene.dim, groups, _cell_dofs(scene))
+        return Decomposition(team, None, division)
     if _stays_whole(scene, options, team):
         return Decomposition()
     from xper_fx.parallel.local_bodies import divide
@@ -102,10 +100,15 @@ def _rigid_groups(scene: Scene, moves: np.ndarray, touch: bool) -> np.ndarray:
     return jointed_groups(scene.joints, scene.rigid, moves)
 
 
-def _gives(scene: Scene) -> bool:
-    """Whether contacts of rigid bodies move the periodic cell that they are in."""
-    driven = scene.bodies is None and scene.macroscopic is not None
-    return driven and bool(scene.macroscopic.stress)
+def _cell_dofs(scene: Scene) -> np.ndarray:
+    """Which components of dF/dt contacts move, column by column, in whole blocks; none without.
+
+    A block has two columns, as many numbers as a body's.
+    """
+    if scene.macroscopic is None:
+        return np.zeros(0, bool)
+    moved = ~scene.macroscopic.kinematic(scene.dim)
+    return np.pad(moved, (0, -len(moved) % (2 * scene.dim)))
 
 
 def _searches(scene: Scene) -> bool:
@@ -125,9 +128,7 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
     why = [
         name
         for name, there in (
-            ("rigid bodies alone", scene.bodies is None and not _gives(scene)),
-            ("rigid bodies in a periodic cell that stress drives", _gives(scene)),
-            ("rigid bodies and a mesh that is spread", spread and scene.rigid_bodies is not None),
+            ("rigid bodies alone", scene.bodies is None),
             # vertices are not solved alone then, and bonds would be points that turn from the start
             (
                 "joints or rolling resistance beside initially rigid bonds of an explicit bulk at "

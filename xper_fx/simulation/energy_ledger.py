@@ -75,30 +75,26 @@ class Energies:
 
 
 class BulkEnergies(NamedTuple):
-    """What a step does in the bulk (J; 2D: J/m).
+    """What a step does in the bulk (J; 2D: J/m)."""
 
-    Attributes:
-        work: of the loads and prescribed motions in the step.
-        kinetic, elastic: held at its end.
-        kinetic_change, elastic_change: what they gained in the step.
-        plastic, viscous, damped: dissipated in the step by the bulk and, above theta = 1/2, by the
-            scheme.
-        power_before, power: of the supports at the end of a static step, moved as in the step
-            before and as in this one (W; 2D: W/m).
-        change_work: of half the change of loads and reactions over a static step, |df . du| / 2,
-            and of what drives rigid bodies.
-    """
-
-    work: float
+    work: float  #: of the loads and prescribed motions in the step
+    #: kinetic, elastic: held at its end
     kinetic: float
     elastic: float
+    #: kinetic_change, elastic_change: what they gained in the step
     kinetic_change: float
     elastic_change: float
+    #: plastic, viscous, damped: dissipated in the step by the bulk and, above theta = 1/2, by the
+    #: scheme
     plastic: float = 0.0
     viscous: float = 0.0
     damped: float = 0.0
+    #: power_before, power: of the supports at the end of a static step, moved as in the step before
+    #: and as in this one (W; 2D: W/m)
     power_before: float = 0.0
     power: float = 0.0
+    #: of half the change of loads and reactions over a static step, |df . du| / 2, and of what
+    #: drives rigid bodies.
     change_work: float = 0.0
 
 
@@ -110,7 +106,6 @@ class EnergyLedger:
     which theta = 1 knows, would leave half of the elastic energy to the scheme.
 
     Args:
-        bulk: the bulk.
         state: state at the start.
         theta: weight of the end of the step.
         rigid: motion of the rigid bodies, None without any.
@@ -189,7 +184,6 @@ class EnergyLedger:
 
         Args:
             before: state at the start of the step.
-            outcome: the step.
             step: h (s).
             rigid: energies of the rigid bodies, None without any.
             borne: loads and reactions at the start of the step that were in balance there, shape
@@ -290,7 +284,6 @@ class EnergyLedger:
         """Enter a step that has converged.
 
         Args:
-            outcome: the step.
             step: h (s).
             bulk: what `bulk_energies` gave for it.
             work: what the interactions did, None without interactions.

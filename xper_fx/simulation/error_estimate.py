@@ -77,47 +77,38 @@ _LITTLE_WORK = 1e-3
 
 @dataclass
 class _Parts:
-    """What the error is made of (J; 2D: J/m), but for `quiet`, steps without damage, and `missed`.
+    """What the error is made of (J; 2D: J/m where no unit is told)."""
 
-    Attributes:
-        scale: largest energy held.
-        quiet: steps since bonds were damaged.
-        numerical, closure, damped: by impulses, what the ledger misses, by theta above 1/2.
-        work, worked: external, and the sum of its sizes.
-        impulses, steps: sum of the errors of the impulses (relative), steps made.
-        force, last_force, growth: largest force seen (N, or W), that of the last step, and by how
-            much it grew in the step of the largest.
-        signed: force of the last step, which changes its sign where it falls through zero.
-        missed: of a largest force, relative.
-        waves: error of the largest force as waves are out of phase (N).
-        impacts: squares of what steps of impacts left by their times, summed (J^2; 2D: J^2/m^2).
-        struck: energy that impacts took (J; 2D: J/m).
-        late: sum of the energies that impacts took times their steps (J s; 2D: J s/m), each by the
-            share of the kinetic energy in what was held.
-        fastest: largest norm of the velocities of meshed bodies since the first impact (m/s).
-        moved: largest norm of their displacements (m).
-    """
-
-    scale: float
-    quiet: int = REST
+    scale: float  #: largest energy held
+    quiet: int = REST  #: steps since bonds were damaged
+    #: numerical, closure, damped: by impulses, what the ledger misses, by theta above 1/2
     numerical: float = 0.0
     closure: float = 0.0
     damped: float = 0.0
+    #: work, worked: external, and the sum of its sizes
     work: float = 0.0
     worked: float = 0.0
+    #: impulses, steps: sum of the errors of the impulses (relative), steps made
     impulses: float = 0.0
     steps: int = 0
+    #: force, last_force, growth: largest force seen (N, or W), that of the last step, and by how
+    #: much it grew in the step of the largest
     force: float = 0.0
     last_force: float = 0.0
     growth: float = 0.0
+    #: force of the last step, which changes its sign where it falls through zero
     signed: float = 0.0
-    missed: float = 0.0
-    waves: float = 0.0
+    missed: float = 0.0  #: of a largest force, relative
+    waves: float = 0.0  #: error of the largest force as waves are out of phase (N)
+    #: squares of what steps of impacts left by their times, summed (J^2; 2D: J^2/m^2)
     impacts: float = 0.0
-    struck: float = 0.0
+    struck: float = 0.0  #: energy that impacts took (J; 2D: J/m)
+    #: sum of the energies that impacts took times their steps (J s; 2D: J s/m), each by the share
+    #: of the kinetic energy in what was held
     late: float = 0.0
+    #: largest norm of the velocities of meshed bodies since the first impact (m/s)
     fastest: float = 0.0
-    moved: float = 0.0
+    moved: float = 0.0  #: largest norm of their displacements (m)
 
 
 def _no_rounding(displacement: np.ndarray) -> float:
@@ -243,10 +234,8 @@ class ErrorEstimate:
 
         Args:
             size: h (s).
-            energies: of the bulk.
             work: of the interactions, None without.
             closure: what the energy ledger now misses (J; 2D: J/m).
-            outcome: of the step.
         """
         parts = self._parts
         held = energies.kinetic + energies.elastic

@@ -123,7 +123,6 @@ class JointedBodies:
         """Give the interaction layer the rows in the middle of a step.
 
         Args:
-            interactions: the layer.
             prediction: of the rigid bodies.
             step: h (s).
             theta: weight of the end of the step.
@@ -158,12 +157,7 @@ class _BentPaths(Solver):
     """Solves a step with the bend of the joints' rows."""
 
     def __init__(
-        self,
-        solver: Solver,
-        rows: JointRows,
-        place: Place,
-        here: np.ndarray,
-        rigid: RigidMotion,
+        self, solver: Solver, rows: JointRows, place: Place, here: np.ndarray, rigid: RigidMotion
     ):
         self._solver, self._rows, self._place, self._rigid = solver, rows, place, rigid
         self._here = here

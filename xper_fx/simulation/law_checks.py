@@ -22,7 +22,6 @@ def check_laws_suit(
 
     Args:
         laws: those of the run.
-        dim: of space.
         law_of_point: of the permanent points, shape (num_points,).
         gap: of them at the start, shape (num_points,), m.
         inertia: whether bodies have mass.

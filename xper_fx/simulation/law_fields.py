@@ -24,8 +24,6 @@ def laws_at_points(laws: list[Law], points: ScenePoints, scene: Scene) -> list[L
 
     Args:
         laws: of `points`, then those of searched contacts alone.
-        points: of the scene.
-        scene: the scene.
 
     Raises:
         ValueError: a value that the law refuses; a field in the law of searched contacts.

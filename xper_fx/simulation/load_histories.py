@@ -26,11 +26,7 @@ _ROUNDING = 1e-9
 
 
 class LoadHistories:
-    """Loads of a scene that are functions of time.
-
-    Args:
-        scene: the scene.
-    """
+    """Loads of a scene that are functions of time."""
 
     def __init__(self, scene: Scene):
         self._functions = list(_functions(scene))

@@ -66,7 +66,6 @@ class Model:
     """What a scene and the options of a run call for.
 
     Args:
-        scene: the scene.
         options: of which it can be run.
         team: ranks that have the scene; they divide its bodies or contacts where they can.
         stopwatch: of the run.
@@ -288,9 +287,7 @@ class Model:
             from xper_fx.bulk.monolithic_scheme import MonolithicScheme
 
             Scheme = partial(
-                MonolithicScheme,
-                gives_up=options.may_leave_one_system,
-                jumps=options.path is None,
+                MonolithicScheme, gives_up=options.may_leave_one_system, jumps=options.path is None
             )
         else:
             from xper_fx.bulk.implicit import ImplicitScheme as Scheme
@@ -318,7 +315,9 @@ class Model:
         if scene.bodies is not None and scene.bodies.spread is not None:
             from xper_fx.simulation.spread_detection import SpreadDetection
 
-            return SpreadDetection(scene, self.points, V, self.part, self.ranks, static)
+            return SpreadDetection(
+                scene, self.points, V, self.part, self.ranks, self.rigid_share, static
+            )
         from xper_fx.simulation.contact_detection import Detection
 
         detection = Detection(scene, laws, V, self.part, self.ranks, self.rigid_share, static)

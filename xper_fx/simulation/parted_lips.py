@@ -35,7 +35,6 @@ class PartedLips:
     Args:
         search: of contacts of the surfaces, whose bonds are the facing facets.
         x: shape (num_nodes, dim), nodes of the surfaces at the start (m).
-        facets: facing facets.
         with_points: numbers of those that have points.
         numbers: shape (len(with_points),), ascending: what these are among those of all ranks.
         taken: shape (len(with_points),), bool: those of them that the search may take over.
@@ -68,10 +67,7 @@ class PartedLips:
         self._side = np.sign(np.einsum("ld,ld->l", own, self._normals[:, 0]))
 
     def release(
-        self,
-        interactions: Interactions,
-        each: int,
-        moved: Callable[[], np.ndarray],
+        self, interactions: Interactions, each: int, moved: Callable[[], np.ndarray]
     ) -> None:
         """After a step, let the search take over the broken lips that have parted or turned.
 
@@ -109,14 +105,43 @@ class PartedLips:
         broken = np.flatnonzero(gone & self._here)
         normals, framed = lip_normals(at[self._nodes[broken]]), self._normals[broken]
         if interactions.turns:
-            first = np.searchsorted(own, self._numbers[broken] * each)
-            frame = interactions.points.frame[first, 0]
+            frame = self._frames(interactions, own, each, np.flatnonzero(gone), broken)
             framed = (self._side[broken, None] * frame)[:, None]
         turned = np.einsum("lsd,lsd->ls", normals, framed).min(axis=1, initial=1.0) < _TURNED
         parted = self._ranks.union(self._numbers[np.concatenate([apart, broken[turned]])])
         if len(parted):
             self._retire(self._known(parted)[1])
             interactions.deactivate((parted[:, None] * each + np.arange(each)).ravel())
+
+    def _frames(
+        self,
+        interactions: Interactions,
+        own: np.ndarray,
+        each: int,
+        gone: np.ndarray,
+        asked: np.ndarray,
+    ) -> np.ndarray:
+        """Normals of the frames of broken lips, shape (len(asked), dim).
+
+        Where vertices are solved alone the first point of a facet may be on a rank that looks at
+        others: all ranks then tell each other the frames.
+
+        Args:
+            interactions, each: as of `release`.
+            own: numbers of this rank's points on facets, ascending.
+            gone: broken lips that have not parted, those known here.
+            asked: those of them whose frames are wanted.
+        """
+        numbers = self._numbers[gone] * each
+        place = np.searchsorted(own, numbers)
+        here = np.isin(numbers, own)
+        numbers, frames = numbers[here], interactions.points.frame[place[here], 0]
+        if interactions.halo is not None and interactions.ordering == "vertices":
+            told = self._ranks.comm.allgather((numbers, frames))
+            numbers, frames = (np.concatenate(parts) for parts in zip(*told, strict=True))
+            order = np.argsort(numbers)
+            numbers, frames = numbers[order], frames[order]
+        return frames[np.searchsorted(numbers, self._numbers[asked] * each)]
 
     def _known(self, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Places of those numbers of facing facets that are known here, and which of `lips`."""

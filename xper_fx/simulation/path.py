@@ -178,6 +178,7 @@ class PathFollower:
     def limit(self, interactions: Interactions) -> GrowthLimit:
         """The limit of the next step, from the state that is committed."""
         self._limit = self._control.limit(interactions, self.share)
+        self._limit.keep_on(self._last_change)
         if self._leading is not None:
             self._limit.follow(self._leading)
         return self._limit

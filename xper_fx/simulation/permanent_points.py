@@ -34,7 +34,6 @@ class ScenePoints:
     """Points on nodes among this rank's unknowns; ghosts of others' come next, the ground last.
 
     Args:
-        scene: the scene.
         bulk: of its meshed bodies, or an empty one.
         ties: points of each tie and the bodies that they join (`ties.tie_points`).
         part: what this rank has of the bodies, None if one rank has all.

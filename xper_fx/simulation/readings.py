@@ -19,19 +19,12 @@ if TYPE_CHECKING:
 
 
 class Readings:
-    """Displacements, velocities and reactions of a simulation's present state.
+    """Displacements, velocities and reactions of a simulation's present state."""
 
-    Attributes:
-        model: what is stepped.
-        team: the ranks that have the scene.
-        state: displacement, velocity, time.
-        last: the last step's outcome, None before the first.
-    """
-
-    model: Model
-    team: Ranks
-    state: State
-    last: StepOutcome | None
+    model: Model  #: what is stepped
+    team: Ranks  #: the ranks that have the scene
+    state: State  #: displacement, velocity, time
+    last: StepOutcome | None  #: the last step's outcome, None before the first
     _before: State | None  # at the start of the last step
     _last_size: float  # of the last step (s)
     _rigid_reactions: np.ndarray | None  # impulses of the last step

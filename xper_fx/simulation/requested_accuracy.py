@@ -27,20 +27,13 @@ _NEWTON = 1e-3
 
 
 class RequestedAccuracy(NamedTuple):
-    """What a user fixes and what is to be picked.
+    """What a user fixes and what is to be picked."""
 
-    Attributes:
-        accuracy: relative error asked for, None if nothing is to be picked.
-        step: h (s), None if not given.
-        tolerance: of the impulses.
-        newton_tolerance: of the bulk.
-        adapts_step, adapts_tolerance: whether they are picked and adapted.
-    """
-
-    accuracy: float | None
-    step: float | None
-    tolerance: float
-    newton_tolerance: float
+    accuracy: float | None  #: relative error asked for, None if nothing is to be picked
+    step: float | None  #: h (s), None if not given
+    tolerance: float  #: of the impulses
+    newton_tolerance: float  #: of the bulk
+    #: adapts_step, adapts_tolerance: whether they are picked and adapted
     adapts_step: bool
     adapts_tolerance: bool
 

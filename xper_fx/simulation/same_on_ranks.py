@@ -26,7 +26,6 @@ def check_same_on_ranks(scene: Scene, options: Options, team: Ranks) -> None:
 
     Args:
         scene, options: of this rank.
-        team: the ranks.
 
     Raises:
         ValueError: on all ranks, if one of them has another scene or other options than the first,

@@ -38,7 +38,6 @@ def condenses(scene: Scene, laws: Sequence[Law]) -> bool:
     """Whether cells share unknowns in one system: rigid bonds join one node with another.
 
     Args:
-        scene: the scene.
         laws: of its points.
     """
     nodal = scene.points == "nodal" and not scene.ties

@@ -14,6 +14,7 @@ from xper_fx.nscd.search.contact_pairs import Contacts
 from xper_fx.parallel.known_surface import own_surface
 from xper_fx.parallel.local_bodies import LocalBodies
 from xper_fx.parallel.ownership import owners_of_pairs
+from xper_fx.parallel.rigid_share import RigidShare
 from xper_fx.parallel.spread_division import SpreadDivision
 from xper_fx.parallel.spread_search import SpreadSearch
 from xper_fx.simulation.contact_detection import Detection
@@ -26,12 +27,12 @@ if TYPE_CHECKING:
 
 
 class SpreadDetection(Detection):
-    """`Detection` where each rank knows its bodies and what may touch them; without rigid bodies.
+    """`Detection` where each rank knows its bodies and what may touch them.
 
     Args:
         scene: the scene, whose mesh is spread.
         points: of its other interactions.
-        V, part, ranks: as of `Detection`.
+        V, part, ranks, rigid_share, static: as of `Detection`.
     """
 
     def __init__(
@@ -41,10 +42,11 @@ class SpreadDetection(Detection):
         V: FunctionSpace,
         part: LocalBodies,
         ranks: Ranks,
+        rigid_share: RigidShare | None,
         static: bool,
     ):
         self._lip_numbers = points.facet_numbers
-        super().__init__(scene, points.laws, V, part, ranks, static=static)
+        super().__init__(scene, points.laws, V, part, ranks, rigid_share, static)
 
     def _surface_search(self, V: FunctionSpace, part: LocalBodies) -> None:
         scene, ranks = self._scene, self._ranks
@@ -56,11 +58,14 @@ class SpreadDetection(Detection):
         self._hold_slips = scene.dim == 3 and any(stored)
         smallest = -ranks.max(-float(own.surface.size(own.start).min(initial=np.inf)))
         _, law_of_facet = scene.law_of_facet()
+        share = self._rigid_share
+        rigid = None if share is None else (scene.rigid_bodies, share.rank_of_body)
         search = self._surfaces = SpreadSearch(
             ranks, bodies, own, self._reach(contacts, smallest), [c.between for c in contacts],
-            law_of_facet < 0, self._static,
+            law_of_facet < 0, self._static, rigid,
         )  # fmt: skip
-        self._depth, self._shared = search.depth, SpreadDivision(ranks)
+        self._depth, self._shared = search.depth, SpreadDivision(ranks, share)
+        self.reach = search.reach
         here = np.zeros(int(all_V.dofmap.list.max()) + 1, np.int64)
         here[all_V.dofmap.list[part.cells]] = V.dofmap.list
         self.nodes = self._at = here[own.dof[search.own]]

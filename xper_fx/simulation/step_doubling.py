@@ -63,38 +63,25 @@ def works(energies: BulkEnergies) -> np.ndarray:
 
 @dataclass
 class StepDoubling:
-    """Compares steps with one of twice the size.
+    """Compares steps with one of twice the size."""
 
-    Args:
-        follows: whether errors of stresses are followed: of static flow.
-
-    Attributes:
-        left: by the steps made, of each of the works (J; 2D: J/m), shape (4,).
-        power: error of the power of the supports (W; 2D: W/m).
-        local: by a step, the largest of the works; of the external one with what the error of the
-            power is still to do (J; 2D: J/m).
-        size: of the steps that are being compared (s), 0 without.
-        difference: of the long step's works to those made since, shape (4,).
-        last: power of the supports at the end of the long step (W; 2D: W/m).
-        moved: sum of the sizes of their works (J; 2D: J/m).
-        made: of the two steps.
-        since: steps since the last that were compared, of static flow those that flowed.
-        wait: steps until the next that is doubled.
-        flowed: how many of the last steps did in a row.
-    """
-
-    follows: bool
+    follows: bool  #: whether errors of stresses are followed: of static flow
+    #: by the steps made, of each of the works (J; 2D: J/m), shape (4,)
     left: np.ndarray = field(default_factory=lambda: np.zeros(4))
-    power: float = 0.0
+    power: float = 0.0  #: error of the power of the supports (W; 2D: W/m)
+    #: by a step, the largest of the works; of the external one with what the error of the power is
+    #: still to do (J; 2D: J/m)
     local: float = 0.0
-    size: float = 0.0
+    size: float = 0.0  #: of the steps that are being compared (s), 0 without
+    #: of the long step's works to those made since, shape (4,)
     difference: np.ndarray = field(default_factory=lambda: np.zeros(4))
-    last: float = 0.0
-    moved: float = 0.0
-    made: int = 0
+    last: float = 0.0  #: power of the supports at the end of the long step (W; 2D: W/m)
+    moved: float = 0.0  #: sum of the sizes of their works (J; 2D: J/m)
+    made: int = 0  #: of the two steps
+    #: steps since the last that were compared, of static flow those that flowed
     since: int = _EVERY
-    wait: int = 0
-    flowed: int = 0
+    wait: int = 0  #: steps until the next that is doubled
+    flowed: int = 0  #: how many of the last steps did in a row
 
     def __post_init__(self) -> None:
         if self.follows:

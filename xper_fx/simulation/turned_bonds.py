@@ -28,17 +28,11 @@ LARGEST_TURN, FEW = np.radians(10.0), 1e-2
 
 
 class TurnedBonds(NamedTuple):
-    """The sound bonds that have turned too far.
+    """The sound bonds that have turned too far."""
 
-    Attributes:
-        angle: that the one that has turned most has turned by (rad).
-        midpoint: of its facet at the start (m).
-        share: of all bonds of the scene that may break.
-    """
-
-    angle: float
-    midpoint: np.ndarray
-    share: float
+    angle: float  #: that the one that has turned most has turned by (rad)
+    midpoint: np.ndarray  #: of its facet at the start (m)
+    share: float  #: of all bonds of the scene that may break
 
 
 class BondTurns:

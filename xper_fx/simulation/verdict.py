@@ -35,24 +35,19 @@ _FACETS = 3.0
 
 
 class Verdict(NamedTuple):
-    """The verdict of a run.
+    """The verdict of a run."""
 
-    Attributes:
-        asked, estimated: relative errors of global quantities.
-        reached: whether the estimate is within what was asked for.
-        parts: of the estimate by what makes them, largest first.
-        bulk: error of the bulk's stresses in the energy norm at the end (`bulk_resolution.py`),
-            None where it is not known; energies err by its square.
-        facets: that the shortest cohesive length of bonds that have weakened spans, None without.
-        limits: what limits the run and what to turn, a sentence's part each, largest first.
-    """
-
+    #: asked, estimated: relative errors of global quantities
     asked: float
     estimated: float
-    reached: bool
-    parts: dict[str, float]
+    reached: bool  #: whether the estimate is within what was asked for
+    parts: dict[str, float]  #: of the estimate by what makes them, largest first
+    #: error of the bulk's stresses in the energy norm at the end (`bulk_resolution.py`), None where
+    #: it is not known; energies err by its square
     bulk: float | None
+    #: that the shortest cohesive length of bonds that have weakened spans, None without
     facets: float | None
+    #: what limits the run and what to turn, a sentence's part each, largest first
     limits: tuple[str, ...]
 
     @property

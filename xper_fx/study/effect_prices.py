@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from math import isfinite
 
 from xper_fx.scene.scene import Scene
+from xper_fx.study.definition import Setting, Study
 from xper_fx.study.quantities import Quantity
 from xper_fx.study.results import StudyResults, percent
-from xper_fx.study.study import Setting, Study
 from xper_fx.support.checks import require_kind
 
 SWITCHED_ON, LEFT_OUT = "switched on one by one", "one left out"
@@ -23,25 +23,17 @@ _PLAINEST = "plainest"
 
 @dataclass(frozen=True)
 class Price:
-    """What an effect costs and what it is worth.
+    """What an effect costs and what it is worth."""
 
-    Attributes:
-        effect: its name; that of the plainest scene comes first.
-        seconds: of the run with it and those before.
-        time_ratio: over the plainest run's.
-        memory: peak of that run (bytes).
-        full_ratio: time with all effects over time with all but this one; NaN if there is none.
-        change: of each quantity when it alone is left out, relative to all effects.
-        refused: why it cannot be left out, "" if it can.
-    """
-
-    effect: str
-    seconds: float
-    time_ratio: float
-    memory: float
+    effect: str  #: its name; that of the plainest scene comes first
+    seconds: float  #: of the run with it and those before
+    time_ratio: float  #: over the plainest run's
+    memory: float  #: peak of that run (bytes)
+    #: time with all effects over time with all but this one; NaN if there is none
     full_ratio: float
+    #: of each quantity when it alone is left out, relative to all effects
     change: Mapping[str, float]
-    refused: str = ""
+    refused: str = ""  #: why it cannot be left out, "" if it can
 
 
 def effects_study(

@@ -117,21 +117,13 @@ def estimate_errors(
 
 
 class _Run(NamedTuple):
-    """What a run gives.
+    """What a run gives."""
 
-    Attributes:
-        values: of the quantities.
-        steps: how many it takes.
-        mean_step: their mean size (s).
-        scheme: of the bulk, None without any.
-        estimated: error that the run estimates of itself, None if it does not.
-    """
-
-    values: dict[str, Value]
-    steps: int
-    mean_step: float
-    scheme: str | None
-    estimated: float | None
+    values: dict[str, Value]  #: of the quantities
+    steps: int  #: how many it takes
+    mean_step: float  #: their mean size (s)
+    scheme: str | None  #: of the bulk, None without any
+    estimated: float | None  #: error that the run estimates of itself, None if it does not
 
 
 def _finer(

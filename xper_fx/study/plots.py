@@ -146,8 +146,7 @@ def _draw_errors(
             color="0.4",
         )
     if not positive:
-        axes.set_ylim(zero / 10.0, zero * 10.0)
-        axes.set_yticks([])
+        axes.set(ylim=(zero / 10.0, zero * 10.0), yticks=[])
         axes.set_yticks([], minor=True)
     low = min((at(r)[1] for r in runs), default=trust)
     if trust > low:

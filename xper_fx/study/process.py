@@ -37,24 +37,16 @@ _WARM_UP = 2
 
 @dataclass(frozen=True)
 class Job:
-    """What one process does.
+    """What one process does."""
 
-    Attributes:
-        build: makes the scene from `scene_parameters`.
-        simulation_parameters: of `Simulation`.
-        courant: step over the critical step of the scene's explicit bulk, None to leave it.
-        fields: number of times at which fields are written while time is measured.
-        end_time: s.
-        quantities: by name.
-    """
-
-    build: Callable[..., Scene]
+    build: Callable[..., Scene]  #: makes the scene from `scene_parameters`
     scene_parameters: Mapping[str, Any]
-    simulation_parameters: Mapping[str, Any]
+    simulation_parameters: Mapping[str, Any]  #: of `Simulation`
+    #: step over the critical step of the scene's explicit bulk, None to leave it
     courant: float | None
-    fields: int
-    end_time: float
-    quantities: Mapping[str, Quantity]
+    fields: int  #: number of times at which fields are written while time is measured
+    end_time: float  #: s
+    quantities: Mapping[str, Quantity]  #: by name
 
 
 class _Compiling(CompilationListener):

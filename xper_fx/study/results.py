@@ -97,23 +97,14 @@ class Run:
 
 
 class Saturation(NamedTuple):
-    """From which value on tightening a parameter no longer lowers an error.
+    """From which value on tightening a parameter no longer lowers an error."""
 
-    Attributes:
-        parameter: which.
-        others: the other parameters of these runs.
-        value: from which on, None if every tightening still pays.
-        error: there.
-        tightest: the tightest value tried.
-        error_at_tightest: there.
-    """
-
-    parameter: str
-    others: Setting
-    value: Any
-    error: float
-    tightest: Any
-    error_at_tightest: float
+    parameter: str  #: which
+    others: Setting  #: the other parameters of these runs
+    value: Any  #: from which on, None if every tightening still pays
+    error: float  #: there
+    tightest: Any  #: the tightest value tried
+    error_at_tightest: float  #: there
 
 
 class StudyResults:

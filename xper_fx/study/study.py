@@ -32,13 +32,11 @@ from mpi4py import MPI
 from tqdm.auto import tqdm
 
 from xper_fx.output.output_folder import prepare_folder
-from xper_fx.study.definition import Parameter, Setting, Study, as_text, product, varied, vary
+from xper_fx.study.definition import Setting, Study, as_text, varied
 from xper_fx.study.process import run_job
 from xper_fx.study.results import TIMES, Run, StudyResults
 from xper_fx.support.checks import require_kind, require_path, require_positive
 from xper_fx.support.ranks import Ranks
-
-__all__ = ["Parameter", "Setting", "Study", "product", "run_study", "vary"]
 
 # Beginnings of the variables by which launchers tell a process which rank it is.
 _OF_RANKS = ("OMPI_COMM", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "MPI_LOCAL")

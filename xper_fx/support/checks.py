@@ -35,7 +35,6 @@ def refuse_expression(name: str, value: Any, wanted: str) -> None:
 
     Args:
         name: of what was given.
-        value: the value.
         wanted: what it should be, which may be a function of DOLFINx.
 
     Raises:

@@ -21,15 +21,6 @@ from mpi4py import MPI
 if threading.current_thread() is threading.main_thread():
     signal.signal(signal.SIGPIPE, signal.getsignal(signal.SIGPIPE))
 
-__all__ = [
-    "coordinate_element",
-    "create_exploded_mesh",
-    "geometry_dofmap",
-    "gmsh_model_to_mesh",
-    "index_map",
-    "interpolation_points",
-]
-
 
 def geometry_dofmap(mesh: Mesh) -> npt.NDArray[np.int32]:
     """Return the geometry nodes of each cell, shape (num_cells, num_nodes_per_cell), int32.

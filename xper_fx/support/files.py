@@ -40,9 +40,6 @@ def explained(path: str | os.PathLike[str]) -> Iterator[None]:
 
     HDF5 tells the same failure as OSError or as RuntimeError, with the reason in its text.
 
-    Args:
-        path: the file.
-
     Raises:
         OSError: of the subclass that the reason has (PermissionError, FileNotFoundError, ...).
     """
@@ -65,9 +62,6 @@ def explained(path: str | os.PathLike[str]) -> Iterator[None]:
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """A file put in place at once: a reader finds the old content or the new, never a part.
-
-    Args:
-        path: the file.
 
     Yields:
         The path to write to, in the same folder; it takes the place of `path` when all went well.

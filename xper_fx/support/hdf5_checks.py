@@ -21,7 +21,6 @@ def require_own_content(path: Path, file: h5py.File) -> None:
     """See that all is in the file, and takes the room there that it may.
 
     Args:
-        path: of the file.
         file: the file, open.
 
     Raises:

@@ -52,23 +52,14 @@ class Phase:
 
 
 class PhaseRow(NamedTuple):
-    """A line of the profile.
+    """A line of the profile."""
 
-    Attributes:
-        path: the phase's name after those of the phases around it.
-        seconds: time spent, phases within included (s).
-        own: of which in no phase within (s).
-        share: of the wall time of the run.
-        calls: how often the phase was entered; 0 for "other".
-        bytes: held by the arrays that the phase owns, or written to disk by it; 0 if none.
-    """
-
-    path: tuple[str, ...]
-    seconds: float
-    own: float
-    share: float
-    calls: int
-    bytes: int
+    path: tuple[str, ...]  #: the phase's name after those of the phases around it
+    seconds: float  #: time spent, phases within included (s)
+    own: float  #: of which in no phase within (s)
+    share: float  #: of the wall time of the run
+    calls: int  #: how often the phase was entered; 0 for "other"
+    bytes: int  #: held by the arrays that the phase owns, or written to disk by it; 0 if none
 
 
 class _Compilations(CompilationListener):

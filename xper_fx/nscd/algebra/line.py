@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Vectors (n,) and symmetric matrices (nn,): the normal alone; see `small.py`."""
 
-from __future__ import annotations
-
 from xper_fx.cache import njit
 
 

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Vectors (n, t) and symmetric matrices (nn, nt, tt); see `small.py`."""
 
-from __future__ import annotations
-
 from xper_fx.cache import njit
 
 
@@ -15,6 +13,21 @@ def row(a, i):
 def set_row(a, i, x):
     a[i, 0] = x[0]
     a[i, 1] = x[1]
+
+
+@njit(inline="always")
+def part(a, i, first):
+    return a[i, first], a[i, first + 1]
+
+
+@njit(inline="always")
+def tangent_part(a, i, first):
+    return (a[i, first],)
+
+
+@njit(inline="always")
+def with_normal(x, normal):
+    return normal, x[1]
 
 
 @njit(inline="always")
@@ -55,6 +68,11 @@ def multiply_diagonal(normal, tangential, x):
 @njit(inline="always")
 def sym_row(a, i):
     return a[i, 0], a[i, 1], a[i, 2]
+
+
+@njit(inline="always")
+def sym_part(a, i, first):
+    return a[i, first], a[i, first + 1], a[i, first + 2]
 
 
 @njit(inline="always")

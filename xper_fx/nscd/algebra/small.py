@@ -22,7 +22,7 @@ SINGULAR = 1e-13
 SmallAlgebra = namedtuple(
     "SmallAlgebra",
     "row set_row dot add subtract scale unit matrix_vector sym_row sym_vector to_local to_global "
-    "multiply_diagonal compliance_with_springs sym_solve",
+    "multiply_diagonal compliance_with_springs sym_solve part tangent_part with_normal sym_part",
 )
 
 
@@ -31,12 +31,12 @@ def for_dimension(dim: int, components: int | None = None) -> SmallAlgebra:
     """The small-vector functions for dimension 2 or 3.
 
     Args:
-        dim: dimension of space.
         components: of a local vector: `dim`, which is meant if not given, or 1, the normal's.
 
     Returns:
         The functions; `to_local` and `to_global` lead from vectors of space to local ones and back.
-        With one component there are no springs of two stiffnesses, and the last three are None.
+        `part`, `tangent_part` and `sym_part` are columns of a row, from a first one on. With one
+        component the last seven are None.
 
     Raises:
         ValueError: any other dimension, or number of components.

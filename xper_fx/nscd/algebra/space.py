@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Vectors (n, t1, t2) and symmetric matrices (nn, n1, n2, 11, 12, 22); see `small.py`."""
 
-from __future__ import annotations
-
 from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 
@@ -17,6 +15,21 @@ def set_row(a, i, x):
     a[i, 0] = x[0]
     a[i, 1] = x[1]
     a[i, 2] = x[2]
+
+
+@njit(inline="always")
+def part(a, i, first):
+    return a[i, first], a[i, first + 1], a[i, first + 2]
+
+
+@njit(inline="always")
+def tangent_part(a, i, first):
+    return a[i, first], a[i, first + 1]
+
+
+@njit(inline="always")
+def with_normal(x, normal):
+    return normal, x[1], x[2]
 
 
 @njit(inline="always")
@@ -61,6 +74,11 @@ def multiply_diagonal(normal, tangential, x):
 @njit(inline="always")
 def sym_row(a, i):
     return a[i, 0], a[i, 1], a[i, 2], a[i, 3], a[i, 4], a[i, 5]
+
+
+@njit(inline="always")
+def sym_part(a, i, f):
+    return a[i, f], a[i, f + 1], a[i, f + 2], a[i, f + 3], a[i, f + 4], a[i, f + 5]
 
 
 @njit(inline="always")

@@ -49,20 +49,14 @@ _RELAXATION, _RELAXATIONS = 1.3, (1.3, 0.8)
 
 @dataclass
 class Course:
-    """What was done, in order.
+    """What was done, in order."""
 
-    Attributes:
-        solvers: names of the solvers used.
-        sweeps: largest number of Gauss-Seidel sweeps over a component.
-        history: (solver, iterations so far, error) - of the whole for sweeps, else of the part that
-            was left to the solver.
-        reasons: why, in words.
-    """
-
-    solvers: list[str] = field(default_factory=list)
-    sweeps: int = 0
+    solvers: list[str] = field(default_factory=list)  #: names of the solvers used
+    sweeps: int = 0  #: largest number of Gauss-Seidel sweeps over a component
+    #: (solver, iterations so far, error) - of the whole for sweeps, else of the part that was left
+    #: to the solver
     history: list[tuple[str, int, float]] = field(default_factory=list)
-    reasons: list[str] = field(default_factory=list)
+    reasons: list[str] = field(default_factory=list)  #: why, in words
 
     def note(self, solver: str, history) -> None:
         if solver not in self.solvers:

@@ -24,25 +24,18 @@ _SEED = 0
 
 
 class BlockProblem(NamedTuple):
-    """A frictional contact problem by blocks: u_a = sum_b W_ab r_b + q_a.
+    """A frictional contact problem by blocks: u_a = sum_b W_ab r_b + q_a."""
 
-    Attributes:
-        offsets: shape (n + 1,), first block of each contact's row.
-        columns: shape (num_blocks,), contact of each block; sorted in a row, pattern symmetric.
-        blocks: shape (num_blocks, dim, dim).
-        diagonal: shape (n, dim (dim + 1) / 2), symmetric part of the diagonal blocks, packed.
-        q: shape (n, dim).
-        mu: shape (n,).
-        components: shape (num_components + 1,), first contact of each component; all contacts
-            are one where they are sorted by colour.
-    """
-
-    offsets: np.ndarray
+    offsets: np.ndarray  #: shape (n + 1,), first block of each contact's row
+    #: shape (num_blocks,), contact of each block; sorted in a row, pattern symmetric
     columns: np.ndarray
-    blocks: np.ndarray
+    blocks: np.ndarray  #: shape (num_blocks, dim, dim)
+    #: shape (n, dim (dim + 1) / 2), symmetric part of the diagonal blocks, packed
     diagonal: np.ndarray
-    q: np.ndarray
-    mu: np.ndarray
+    q: np.ndarray  #: shape (n, dim)
+    mu: np.ndarray  #: shape (n,)
+    #: shape (num_components + 1,), first contact of each component; all contacts are one where they
+    #: are sorted by colour
     components: np.ndarray
 
     @property
@@ -51,18 +44,13 @@ class BlockProblem(NamedTuple):
 
 
 class Stored(NamedTuple):
-    """A problem ready to be solved, and its way back.
+    """A problem ready to be solved, and its way back."""
 
-    Attributes:
-        problem: scaled and sorted.
-        scale: s / m, the unit of the impulses (N s); m = 1 where W is zero, s = 1 where q is.
-        places: shape (n,), contact a of `problem` is contact `places[a]` of the given one.
-        colors: shape (num_colors + 1,), first contact of each colour; None unless sorted by it.
-    """
-
-    problem: BlockProblem
-    scale: float
+    problem: BlockProblem  #: scaled and sorted
+    scale: float  #: s / m, the unit of the impulses (N s); m = 1 where W is zero, s = 1 where q is
+    #: shape (n,), contact a of `problem` is contact `places[a]` of the given one
     places: np.ndarray
+    #: shape (num_colors + 1,), first contact of each colour; None unless sorted by it
     colors: np.ndarray | None
 
 

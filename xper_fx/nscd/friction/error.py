@@ -84,21 +84,13 @@ def natural_error(problem: BlockProblem, r: np.ndarray) -> float:
 
 
 class Errors(NamedTuple):
-    """The error of given impulses, and its parts.
+    """The error of given impulses, and its parts."""
 
-    Attributes:
-        error: unit-free natural-map error (module docstring).
-        siconos_error: Siconos's natural-map error.
-        penetration: largest -u_N, or 0 (m/s).
-        complementarity: largest |u_N r_N| (J).
-        cone_violation: largest |r_T| - mu r_N, or 0 (N s).
-    """
-
-    error: float
-    siconos_error: float
-    penetration: float
-    complementarity: float
-    cone_violation: float
+    error: float  #: unit-free natural-map error (module docstring)
+    siconos_error: float  #: Siconos's natural-map error
+    penetration: float  #: largest -u_N, or 0 (m/s)
+    complementarity: float  #: largest |u_N r_N| (J)
+    cone_violation: float  #: largest |r_T| - mu r_N, or 0 (N s)
 
 
 @cache

@@ -52,43 +52,31 @@ class Sweeps(NamedTuple):
 
 
 class Iterate(NamedTuple):
-    """Where sweeps over a problem are.
+    """Where sweeps over a problem are."""
 
-    Attributes:
-        r: shape (n, dim), impulses of the moment.
-        factors: shape (n, num_factors), what the local solver keeps of each contact.
-        dirty: shape (n,), bool: contacts whose neighbours have moved since their last visit.
-    """
-
-    r: np.ndarray
-    factors: np.ndarray
+    r: np.ndarray  #: shape (n, dim), impulses of the moment
+    factors: np.ndarray  #: shape (n, num_factors), what the local solver keeps of each contact
+    #: shape (n,), bool: contacts whose neighbours have moved since their last visit
     dirty: np.ndarray
 
 
 class Stop(NamedTuple):
-    """When sweeps end.
+    """When sweeps end."""
 
-    Attributes:
-        limit: sum over all contacts of |F|^2 that is wanted (`error.py`).
-        max_sweeps, patience: as of `sweep`.
-    """
-
-    limit: float
+    limit: float  #: sum over all contacts of |F|^2 that is wanted (`error.py`)
+    #: max_sweeps, patience: as of `sweep`
     max_sweeps: int
     patience: float
 
 
 class Progress(NamedTuple):
-    """What sweeps write of themselves.
+    """What sweeps write of themselves."""
 
-    Attributes:
-        sweeps, converged: shape (num_components,), as of `Sweeps`.
-        history: shape (2, k), sum of |F|^2 at 16, 32, 64, ... sweeps of the components under way,
-            and of those left since.
-    """
-
+    #: sweeps, converged: shape (num_components,), as of `Sweeps`
     sweeps: np.ndarray
     converged: np.ndarray
+    #: shape (2, k), sum of |F|^2 at 16, 32, 64, ... sweeps of the components under way, and of
+    #: those left since.
     history: np.ndarray
 
 
@@ -252,7 +240,6 @@ def sweep(
 
     Args:
         problem: the stored problem.
-        local: local solver.
         r: shape (n, dim), first guess; the impulses found on return.
         tolerance: bound on `error.natural_error`.
         max_sweeps: sweeps after which a component is left.

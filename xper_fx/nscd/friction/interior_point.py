@@ -60,30 +60,21 @@ ALONE: Reductions = _Alone()
 
 
 class ConeKernels(NamedTuple):
-    """Kernels over points with x and z in the cones, shape (n, dim).
+    """Kernels over points with x and z in the cones, shape (n, dim)."""
 
-    Attributes:
-        size_t: `size_t(x, a)`, |x_T| of point a.
-        scale: `scale(x, z, a, scaling)` sets the unit scaling point and its factor eta, dim + 1
-            numbers.
-        longest: `longest(x, z, dx, dz)`, the largest step that keeps x + step dx and z + step dz in
-            the cones.
-        to_dz: `to_dz(scaling, g, dx, dz)` sets dz = g - Theta dx.
-        reach: `reach(x, z, dx, dz, step)`, x . z after a step.
-        correct: `correct(scaling, x, z, dx, dz, centre, residual, g, rhs)` takes dx and dz of the
-            predictor, and sets g and the right-hand side of the corrector for x o z = centre e.
-        recentre: `recentre(scaling, x, z, dx, dz, step, centre, g)` changes g for a longer step.
-        advance: `advance(x, z, dx, dz, step)` goes so far.
-    """
-
-    size_t: Callable
+    size_t: Callable  #: `size_t(x, a)`, |x_T| of point a
+    #: `scale(x, z, a, scaling)` sets the unit scaling point and its factor eta, dim + 1 numbers
     scale: Callable
+    #: `longest(x, z, dx, dz)`, the largest step that keeps x + step dx and z + step dz in the cones
     longest: Callable
-    to_dz: Callable
-    reach: Callable
+    to_dz: Callable  #: `to_dz(scaling, g, dx, dz)` sets dz = g - Theta dx
+    reach: Callable  #: `reach(x, z, dx, dz, step)`, x . z after a step.
+    #: `correct(scaling, x, z, dx, dz, centre, residual, g, rhs)` takes dx and dz of the predictor,
+    #: and sets g and the right-hand side of the corrector for x o z = centre e
     correct: Callable
+    #: `recentre(scaling, x, z, dx, dz, step, centre, g)` changes g for a longer step
     recentre: Callable
-    advance: Callable
+    advance: Callable  #: `advance(x, z, dx, dz, step)` goes so far
 
 
 @cache

@@ -29,14 +29,7 @@ from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.bond import Bond
 from xper_fx.nscd.laws.curves.curve import CurveFunctions
-from xper_fx.nscd.laws.damage_curve import (
-    BETA0,
-    C_N,
-    C_T,
-    DAMAGE,
-    shape_column,
-    stiffness_along,
-)
+from xper_fx.nscd.laws.damage_curve import BETA0, C_N, C_T, DAMAGE, shape_column, stiffness_along
 from xper_fx.nscd.laws.parameters import take_parameters
 from xper_fx.nscd.laws.weakening import Weakening, falls_below, one_curve
 
@@ -77,12 +70,10 @@ class Adhesion(Bond):
 
     def __post_init__(self) -> None:
         self._check_options()
-        stiffnesses = ["normal_stiffness"]
-        if self.tangential_stiffness is not None:
-            stiffnesses.append("tangential_stiffness")
         take_parameters(
             self,
-            positive=(*stiffnesses, "adhesion_energy"),
+            positive=("normal_stiffness", "adhesion_energy"),
+            optional=("tangential_stiffness",),
             non_negative=("viscosity", "friction"),
             shares=("initial_damage",),
         )
@@ -111,11 +102,6 @@ class Adhesion(Bond):
     def softening_slope(self) -> Any:
         """Steepest descent of the traction in any direction (Pa/m)."""
         return 3.0 * np.maximum(*self.stiffnesses())
-
-    def stiffnesses(self) -> tuple:
-        """C_N and C_T (Pa/m)."""
-        c_n, c_t = self.normal_stiffness, self.tangential_stiffness
-        return c_n, c_n if c_t is None else c_t
 
     def weakening(self) -> Weakening:
         """See `Bond`."""

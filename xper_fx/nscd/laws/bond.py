@@ -17,7 +17,8 @@ class Bond:
     """A law whose lips are bonded by springs that weaken, then touch and rub.
 
     A class of it is a frozen dataclass with `friction`, `friction_grows`, `initial_damage`,
-    `damage` and `viscosity`, and the three methods at the end.
+    `damage` and `viscosity`, and has `weakening`, `shape` and, unless there are
+    `normal_stiffness` and `tangential_stiffness`, `stiffnesses`.
     """
 
     friction: Any
@@ -25,6 +26,8 @@ class Bond:
     initial_damage: Any
     damage: str
     viscosity: Any
+    normal_stiffness: Any
+    tangential_stiffness: Any
     damage_options: ClassVar[tuple[str, ...]] = ("auto", "mean", "lagged", "end")
 
     def _check_options(self) -> None:
@@ -79,7 +82,8 @@ class Bond:
 
     def stiffnesses(self) -> tuple:
         """C_N and C_T (Pa/m)."""
-        raise NotImplementedError
+        c_n, c_t = self.normal_stiffness, self.tangential_stiffness
+        return c_n, c_n if c_t is None else c_t
 
     def shape(self) -> tuple:
         """The parameters that the weakening takes."""

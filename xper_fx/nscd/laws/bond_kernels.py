@@ -43,7 +43,6 @@ def mean_kernels(
     """The kernels of a bond.
 
     Args:
-        dim: dimension of space.
         friction: of the lips.
         lagged: whether damage is frozen during a step.
         viscous: whether it lags behind its curve (`viscous_damage.py`).
@@ -53,6 +52,7 @@ def mean_kernels(
     sym_row = algebra.sym_row
     dot, add, subtract, scale = algebra.dot, algebra.add, algebra.subtract, algebra.scale
     diagonal, sym_vector = algebra.multiply_diagonal, algebra.sym_vector
+    part, tangent_part, sym_part = algebra.part, algebra.tangent_part, algebra.sym_part
     soften = algebra.compliance_with_springs
     rubs, friction_of = friction is not Friction.NONE, friction_by_damage(friction)
     contact, book_losses = contact_solver(dim, rubs), contact_losses(dim, rubs)
@@ -93,31 +93,6 @@ def mean_kernels(
         if dim == 3:
             x += jump[2] * jump[2]
         return x
-
-    @njit(inline="always")
-    def part(terms, i, first):
-        if dim == 2:
-            return terms[i, first], terms[i, first + 1]
-        return terms[i, first], terms[i, first + 1], terms[i, first + 2]
-
-    @njit(inline="always")
-    def shift_of(details, i):
-        if dim == 2:
-            return (details[i, shift],)
-        return details[i, shift], details[i, shift + 1]
-
-    @njit(inline="always")
-    def compliance_of(terms, i):
-        if dim == 2:
-            return terms[i, soft], terms[i, soft + 1], terms[i, soft + 2]
-        return (
-            terms[i, soft],
-            terms[i, soft + 1],
-            terms[i, soft + 2],
-            terms[i, soft + 3],
-            terms[i, soft + 4],
-            terms[i, soft + 5],
-        )
 
     @njit(inline="always")
     def set_damage(i, beta, s, terms, details):
@@ -169,7 +144,7 @@ def mean_kernels(
     def solve(i, u, r, w, parameters, terms, details):
         jump_h, p = part(terms, i, middle), part(terms, i, push)
         k = (terms[i, spring], terms[i, spring + 1])
-        s = compliance_of(terms, i)
+        s = sym_part(terms, i, soft)
         new = subtract(u, sym_vector(s, add(r, bonded(k, p, u))))
         if new[0] >= -jump_h[0]:
             return scale(-1.0, bonded(k, p, new)), True
@@ -180,7 +155,7 @@ def mean_kernels(
                 k,
                 p,
                 -jump_h[0],
-                shift_of(details, i),
+                tangent_part(details, i, shift),
                 friction_of(i, details[i, mean], parameters),
             )
         else:

@@ -99,12 +99,10 @@ class CohesiveCurve(Bond):
     def __post_init__(self) -> None:
         self._check_options()
         self._take_traction()
-        stiffnesses = ["normal_stiffness"]
-        if self.tangential_stiffness is not None:
-            stiffnesses.append("tangential_stiffness")
         known = take_parameters(
             self,
-            positive=stiffnesses,
+            positive=("normal_stiffness",),
+            optional=("tangential_stiffness",),
             non_negative=("friction", "viscosity"),
             shares=("initial_damage",),
             numbers="values",
@@ -263,11 +261,6 @@ class CohesiveCurve(Bond):
         """See `Bond`."""
         count = 3 + self._num_kinks + len(self.values)
         return one_curve(self._functions, count, self._rubs)
-
-    def stiffnesses(self) -> tuple:
-        """C_N and C_T (Pa/m)."""
-        c_n, c_t = self.normal_stiffness, self.tangential_stiffness
-        return c_n, c_n if c_t is None else c_t
 
     def shape(self) -> tuple:
         """d0, dc (m), k (Pa/m), kinks (m), values."""

@@ -43,16 +43,10 @@ from typing import Any
 import numpy as np
 
 from xper_fx.nscd.laws.bond import Bond
-from xper_fx.nscd.laws.curves.curve import Curve
+from xper_fx.nscd.laws.curves.curve import Curve, check_curve
 from xper_fx.nscd.laws.curves.parabolic import Parabolic
 from xper_fx.nscd.laws.parameters import refuse_where, take_parameters
 from xper_fx.nscd.laws.weakening import Weakening, one_curve
-
-
-def check_curve(curve: Any) -> None:
-    """Raise a TypeError unless something is a curve of `curves/`, or like them."""
-    if isinstance(curve, type) or not hasattr(curve, "own_stiffness"):
-        raise TypeError(f"curve should be one of xper_fx.laws.curves, as Linear(), got {curve!r}.")
 
 
 @dataclass(frozen=True)
@@ -97,11 +91,10 @@ class CohesiveZone(Bond):
     def __post_init__(self) -> None:
         self._check_options()
         self._check_curve()
-        optional = ("normal_stiffness", "tangential_stiffness")
-        given = [name for name in optional if getattr(self, name) is not None]
         known = take_parameters(
             self,
-            positive=(*given, "fracture_energy", "strength"),
+            positive=("fracture_energy", "strength"),
+            optional=("normal_stiffness", "tangential_stiffness"),
             non_negative=("friction", "viscosity"),
             shares=("initial_damage",),
         )

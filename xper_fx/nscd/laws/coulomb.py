@@ -24,8 +24,6 @@ is singular along an oblique direction (a node guided along a line or in a plane
 normal condition does not stop is never stuck: it slides.
 """
 
-from __future__ import annotations
-
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import SINGULAR
 from xper_fx.nscd.laws.signorini import NO_SLIP, OPEN, SLIP, STICK

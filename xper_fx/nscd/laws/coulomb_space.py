@@ -4,8 +4,6 @@
 Without a bound the root is that of `nscd/local_solvers/exact.py`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from xper_fx.cache import njit

@@ -68,6 +68,7 @@ def end_kernels(dim: int, friction: Friction, viscous: bool, weakening: Weakenin
     """The kernels of a bond; see `mean_kernels`."""
     algebra = for_dimension(dim)
     dot, add, subtract, scale = algebra.dot, algebra.add, algebra.subtract, algebra.scale
+    part, tangent_part, with_normal = algebra.part, algebra.tangent_part, algebra.with_normal
     rubs, friction_of = friction is not Friction.NONE, friction_by_damage(friction)
     diagonal, book_losses = algebra.multiply_diagonal, contact_losses(dim, rubs)
 
@@ -104,16 +105,6 @@ def end_kernels(dim: int, friction: Friction, viscous: bool, weakening: Weakenin
         reached = np.maximum(state[:, OPENING_MAX], d0)
         whole = (state[:, DAMAGE] > 0.0) & (reached < _SPENT * dc)
         return reached, dc - d0, whole
-
-    @njit(inline="always")
-    def part(terms, i, first):
-        if dim == 2:
-            return terms[i, first], terms[i, first + 1]
-        return terms[i, first], terms[i, first + 1], terms[i, first + 2]
-
-    @njit(inline="always")
-    def with_normal(x, normal):
-        return (normal, x[1]) if dim == 2 else (normal, x[1], x[2])
 
     @njit(inline="always")
     def opening(jump):
@@ -196,10 +187,7 @@ def end_kernels(dim: int, friction: Friction, viscous: bool, weakening: Weakenin
         # closed: the lips are together, and only their slip opens the bond
         if not rubs:
             return with_normal(bond, bond[0] + normal), True
-        if dim == 2:
-            slip = (0.0, u[1] + details[i, shift])
-        else:
-            slip = (0.0, u[1] + details[i, shift], u[2] + details[i, shift + 1])
+        slip = add(u, (0.0,) + tangent_part(details, i, shift))
         trial = with_normal(subtract(hat, scale(rho, slip)), 0.0)
         size = np.sqrt(dot(trial, trial))
         beta = damage_closing(i, u, parameters, terms, details)
@@ -264,7 +252,6 @@ def end_kernels(dim: int, friction: Friction, viscous: bool, weakening: Weakenin
         components=dim,
         prepare=prepare,
         solve=solve,
-        evolve=None,
         commit=commit,
         num_terms=terms_of.count,
         num_details=details_of.count,

@@ -81,12 +81,10 @@ class DuctileZone(CohesiveZone):
         self._check_curve()
         if self.curve.own_stiffness(1.0, 1.0) is not None:
             raise ValueError(f"{self.curve!r} has a stiffness of its own: take another curve.")
-        stiffnesses = ["normal_stiffness"]
-        if self.tangential_stiffness is not None:
-            stiffnesses.append("tangential_stiffness")
         known = take_parameters(
             self,
-            positive=(*stiffnesses, "yield_stress", "thickness", "triaxiality"),
+            positive=("normal_stiffness", "yield_stress", "thickness", "triaxiality"),
+            optional=("tangential_stiffness",),
             non_negative=("friction", "viscosity"),
             shares=("initial_damage", "porosity"),
         )

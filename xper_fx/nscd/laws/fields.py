@@ -36,29 +36,20 @@ _AT_A_TIME = 4096
 
 @dataclass(frozen=True)
 class Places:
-    """Where the points of a law are.
+    """Where the points of a law are."""
 
-    Attributes:
-        x: positions, shape (3, n), m.
-        normal: unit normals from antagonist to candidate, shape (3, n).
-        bodies, materials: numbers of the bodies and cell tags of both sides, shape (2, n); -1 of
-            ties and walls.
-        area: of the facet (m^2; 2D: m), of ties and walls that of the point, shape (n,).
-        facet: number of the facing facet, -1 of ties and walls, shape (n,).
-        number: of the point among those of its law on facing facets, on all ranks, shape (n,).
-        num_points: how many these are, shape (n,).
-        num_facets: facing facets of the scene; None where no rank knows all of them.
-    """
-
-    x: np.ndarray
-    normal: np.ndarray
+    x: np.ndarray  #: positions, shape (3, n), m
+    normal: np.ndarray  #: unit normals from antagonist to candidate, shape (3, n)
+    #: bodies, materials: numbers of the bodies and cell tags of both sides, shape (2, n); -1 of
+    #: ties and walls
     bodies: np.ndarray
     materials: np.ndarray
-    area: np.ndarray
-    facet: np.ndarray
+    area: np.ndarray  #: of the facet (m^2; 2D: m), of ties and walls that of the point, shape (n,)
+    facet: np.ndarray  #: number of the facing facet, -1 of ties and walls, shape (n,)
+    #: of the point among those of its law on facing facets, on all ranks, shape (n,)
     number: np.ndarray
-    num_points: np.ndarray
-    num_facets: int | None
+    num_points: np.ndarray  #: how many these are, shape (n,)
+    num_facets: int | None  #: facing facets of the scene; None where no rank knows all of them
 
     def __len__(self) -> int:
         return len(self.area)

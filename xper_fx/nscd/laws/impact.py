@@ -5,8 +5,6 @@
 least -e dU0_N, whether it was closing or opening.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from xper_fx.cache import njit

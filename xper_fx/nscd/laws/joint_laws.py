@@ -62,13 +62,9 @@ class Held:
 
 @dataclass(frozen=True)
 class Stop:
-    """The gap does not become negative.
+    """The gap does not become negative."""
 
-    Args:
-        restitution: Newton's e in [0, 1].
-    """
-
-    restitution: float = 0.0
+    restitution: float = 0.0  #: Newton's e in [0, 1]
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
@@ -85,13 +81,9 @@ class Stop:
 
 @dataclass(frozen=True)
 class SlidingFriction:
-    """A bounded force against the velocity.
+    """A bounded force against the velocity."""
 
-    Args:
-        bound: N; N m of a rotation.
-    """
-
-    bound: float
+    bound: float  #: N; N m of a rotation
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
@@ -108,15 +100,10 @@ class SlidingFriction:
 
 @dataclass(frozen=True)
 class ElasticWire:
-    """A spring in tension alone, whose elongation is -g.
+    """A spring in tension alone, whose elongation is -g."""
 
-    Args:
-        stiffness: k, N/m.
-        tension: at the start, N; negative: k times the slack.
-    """
-
-    stiffness: float
-    tension: float
+    stiffness: float  #: k, N/m
+    tension: float  #: at the start, N; negative: k times the slack
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
@@ -138,10 +125,8 @@ def _kernels(name, prepare, solve, commit, num_terms, states, energies) -> LawKe
         components=1,
         prepare=prepare,
         solve=solve,
-        evolve=None,
         commit=commit,
         num_terms=num_terms,
-        num_details=0,
         state_names=states,
         energies=energies,
     )

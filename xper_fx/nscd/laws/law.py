@@ -89,9 +89,9 @@ ALL_ENERGIES = (*ENERGIES, "viscous")  # of a law that has viscous work besides
 
 LawKernels = namedtuple(
     "LawKernels",
-    "name effects components prepare solve evolve commit num_terms num_details state_names "
-    "energies growth spent stored no_jump rigid coulomb rolling cost slips",
-    defaults=(None, None, None, False, None, None, None, None, False),
+    "name effects components prepare solve commit num_terms energies evolve num_details "
+    "state_names growth spent stored no_jump rigid coulomb rolling cost slips",
+    defaults=(None, 0, (), None, None, None, False, None, None, None, None, False),
 )
 
 
@@ -102,23 +102,16 @@ class CoulombPoints(NamedTuple):
         |r'_T| <= friction r'_N + bound,  against u_T + shift,
 
     beside r'' = -spring (push + u), if there are springs, which bears its share of the impulse.
-
-    Attributes:
-        least: shape (n,), m/s; -inf where the point is open.
-        shift: shape (n, dim - 1), m/s.
-        friction: shape (n,).
-        bound, tip: shape (n,), N s.
-        spring: shape (n, dim), N s per m/s; None where there is none.
-        push: shape (n, dim), m/s; None with `spring`.
     """
 
-    least: np.ndarray
-    shift: np.ndarray
-    friction: np.ndarray
+    least: np.ndarray  #: shape (n,), m/s; -inf where the point is open
+    shift: np.ndarray  #: shape (n, dim - 1), m/s
+    friction: np.ndarray  #: shape (n,)
+    #: bound, tip: shape (n,), N s
     bound: np.ndarray
     tip: np.ndarray
-    spring: np.ndarray | None = None
-    push: np.ndarray | None = None
+    spring: np.ndarray | None = None  #: shape (n, dim), N s per m/s; None where there is none
+    push: np.ndarray | None = None  #: shape (n, dim), m/s; None with `spring`
 
 
 class Columns:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from xper_fx.nscd.laws.curves.curve import Curve
+from xper_fx.nscd.laws.curves.curve import Curve, check_curve
 from xper_fx.nscd.laws.curves.linear import Linear
 from xper_fx.nscd.laws.modes_apart import ModesApart
 from xper_fx.nscd.laws.parameters import take_parameters
@@ -56,29 +56,19 @@ class MixedMode(ModesApart):
     def __post_init__(self) -> None:
         self._check_options()
         self._check_criterion()
-        if not hasattr(self.curve, "own_stiffness") or isinstance(self.curve, type):
-            raise TypeError(
-                f"curve should be one of xper_fx.laws.curves, as Linear(), got {self.curve!r}."
-            )
+        check_curve(self.curve)
         if self.curve.own_stiffness(1.0, 1.0) is not None:
             raise ValueError(
                 f"{self.curve!r} has a stiffness of its own in each mode: take another curve, "
                 "whose stiffness is free."
             )
-        stiffnesses = ["normal_stiffness"]
-        if self.tangential_stiffness is not None:
-            stiffnesses.append("tangential_stiffness")
         known = take_parameters(
             self,
-            positive=(*stiffnesses, "exponent"),
+            positive=("normal_stiffness", "exponent"),
+            optional=("tangential_stiffness",),
             positive_pairs=("strengths", "fracture_energies"),
             non_negative=("friction", "viscosity"),
             shares=("initial_damage",),
         )
         if known:
             self._check_shapes()
-
-    def stiffnesses(self) -> tuple:
-        """C_N and C_T (Pa/m)."""
-        c_n, c_t = self.normal_stiffness, self.tangential_stiffness
-        return c_n, c_n if c_t is None else c_t

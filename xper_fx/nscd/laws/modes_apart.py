@@ -30,14 +30,7 @@ from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.bond import Bond
 from xper_fx.nscd.laws.curves.curve import Curve
-from xper_fx.nscd.laws.damage_curve import (
-    BETA0,
-    C_N,
-    C_T,
-    DAMAGE,
-    damage_functions,
-    shape_column,
-)
+from xper_fx.nscd.laws.damage_curve import BETA0, C_N, C_T, DAMAGE, damage_functions, shape_column
 from xper_fx.nscd.laws.parameters import refuse_where
 from xper_fx.nscd.laws.weakening import Weakening, falls_below, take_columns
 
@@ -149,7 +142,6 @@ def modes_apart(
     """A curve whose shape hangs on the direction of the jump.
 
     Args:
-        curve: the curve.
         num_constants: that it has.
         criterion: of the energies of mixtures.
         friction: whether lips rub.

@@ -58,6 +58,7 @@ def take_parameters(
     non_negative: Iterable[str] = (),
     shares: Iterable[str] = (),
     positive_pairs: Iterable[str] = (),
+    optional: Iterable[str] = (),
     numbers: str | None = None,
 ) -> bool:
     """Check parameters of a law, in its `__post_init__`; lists and arrays become fields.
@@ -67,6 +68,7 @@ def take_parameters(
         positive, non_negative: names of parameters above zero, or not below it.
         shares: names of parameters in (0, 1].
         positive_pairs: names of pairs of parameters above zero.
+        optional: names of parameters above zero that may be None.
         numbers: name of a mapping of any parameters.
 
     Returns:
@@ -77,8 +79,9 @@ def take_parameters(
         TypeError: a parameter that is neither a number nor a field.
         ValueError: a number out of range.
     """
+    given = (name for name in optional if getattr(law, name) is not None)
     checks = (
-        (positive, _is_positive, "a finite number above zero"),
+        ((*given, *positive), _is_positive, "a finite number above zero"),
         (non_negative, lambda x: (x >= 0.0) & np.isfinite(x), "a finite number, zero or above"),
         (shares, lambda x: (x > 0.0) & (x <= 1.0), "a number in (0, 1]"),
     )

@@ -86,7 +86,7 @@ def _kernels(dim: int) -> LawKernels:
     algebra = for_dimension(dim)
     sym_row, add, subtract = algebra.sym_row, algebra.add, algebra.subtract
     row, set_row = algebra.row, algebra.set_row
-    scale, sym_vector = algebra.scale, algebra.sym_vector
+    scale, sym_part, sym_vector = algebra.scale, algebra.sym_part, algebra.sym_vector
     pseudo_inverse = _pseudo_inverse_plane if dim == 2 else _pseudo_inverse_space
     num_sym = dim * (dim + 1) // 2
 
@@ -100,11 +100,7 @@ def _kernels(dim: int) -> LawKernels:
     @njit(inline="always")
     def solve(i, u, r, w, parameters, terms, details):
         missing = subtract(row(terms, i), u)
-        if dim == 2:
-            inverse = terms[i, 2], terms[i, 3], terms[i, 4]
-        else:
-            inverse = (terms[i, 3], terms[i, 4], terms[i, 5], terms[i, 6], terms[i, 7], terms[i, 8])
-        return add(r, sym_vector(inverse, missing)), True
+        return add(r, sym_vector(sym_part(terms, i, dim), missing)), True
 
     @njit(**LEAN_INNER)
     def commit(i, jump0, jump1, u, r, area, step, theta, parameters, state, terms, details, energy):
@@ -120,11 +116,8 @@ def _kernels(dim: int) -> LawKernels:
         components=dim,
         prepare=prepare,
         solve=solve,
-        evolve=None,
         commit=commit,
         num_terms=dim + num_sym,
-        num_details=0,
-        state_names=(),
         energies=("numerical",),
         no_jump=True,
     )

@@ -101,7 +101,7 @@ def rigid_end_kernels(
     """The kernels of a bond; see `bond_kernels.mean_kernels`."""
     algebra = for_dimension(dim)
     dot, add, subtract, scale = algebra.dot, algebra.add, algebra.subtract, algebra.scale
-    diagonal = algebra.multiply_diagonal
+    diagonal, part, with_normal = algebra.multiply_diagonal, algebra.part, algebra.with_normal
     rubs, friction_of = friction is not Friction.NONE, friction_by_damage(friction)
     book_losses = contact_losses(dim, rubs)
     opening, bears = strength_of(dim, friction, weakening)
@@ -130,13 +130,7 @@ def rigid_end_kernels(
 
     @njit(inline="always")
     def at_start(i, terms):
-        if dim == 2:
-            return terms[i, start], terms[i, start + 1]
-        return terms[i, start], terms[i, start + 1], terms[i, start + 2]
-
-    @njit(inline="always")
-    def with_normal(x, normal):
-        return (normal, x[1]) if dim == 2 else (normal, x[1], x[2])
+        return part(terms, i, start)
 
     @njit(**LEAN_INNER)
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
@@ -332,7 +326,6 @@ def rigid_end_kernels(
         components=dim,
         prepare=prepare,
         solve=solve,
-        evolve=None,
         commit=commit,
         num_terms=terms_of.count,
         num_details=details_of.count,

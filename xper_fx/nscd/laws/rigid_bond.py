@@ -24,8 +24,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from xper_fx.nscd.laws.bond import Bond
-from xper_fx.nscd.laws.cohesive_zone import check_curve
-from xper_fx.nscd.laws.curves.curve import Curve
+from xper_fx.nscd.laws.curves.curve import Curve, check_curve
 from xper_fx.nscd.laws.damage_curve import shape_column
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.laws.parameters import refuse_where

@@ -27,14 +27,7 @@ from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.contact_losses import contact_losses
 from xper_fx.nscd.laws.contact_solver import contact_solver
-from xper_fx.nscd.laws.damage_curve import (
-    BETA0,
-    C_N,
-    C_T,
-    DAMAGE,
-    OPENING_MAX,
-    damage_functions,
-)
+from xper_fx.nscd.laws.damage_curve import BETA0, C_N, C_T, DAMAGE, OPENING_MAX, damage_functions
 from xper_fx.nscd.laws.friction_of_lips import Friction, friction_by_damage
 from xper_fx.nscd.laws.impact import least_speed
 from xper_fx.nscd.laws.law import (
@@ -91,6 +84,7 @@ def rigid_kernels(
     dot, add, subtract, scale = algebra.dot, algebra.add, algebra.subtract, algebra.scale
     sym_row, sym_vector, sym_solve = algebra.sym_row, algebra.sym_vector, algebra.sym_solve
     soften, diagonal = algebra.compliance_with_springs, algebra.multiply_diagonal
+    part, tangent_part, sym_part = algebra.part, algebra.tangent_part, algebra.sym_part
     rubs, friction_of = friction is not Friction.NONE, friction_by_damage(friction)
     stiffens = viscous or friction is Friction.GROWING
     contact, book_losses = contact_solver(dim, rubs), contact_losses(dim, rubs)
@@ -122,29 +116,10 @@ def rigid_kernels(
         whole_drag = details_of.take("viscous bonds")  # h theta A eta
 
     @njit(inline="always")
-    def part(columns, i, first):
-        if dim == 2:
-            return columns[i, first], columns[i, first + 1]
-        return columns[i, first], columns[i, first + 1], columns[i, first + 2]
-
-    @njit(inline="always")
-    def part_of_compliance(i, details):
-        if dim == 2:
-            return (details[i, compliance], details[i, compliance + 1], details[i, compliance + 2])
-        return (
-            details[i, compliance],
-            details[i, compliance + 1],
-            details[i, compliance + 2],
-            details[i, compliance + 3],
-            details[i, compliance + 4],
-            details[i, compliance + 5],
-        )
-
-    @njit(inline="always")
     def slipped(i, terms):
         if not rubs:
             return (0.0,)
-        return (terms[i, slip],) if dim == 2 else (terms[i, slip], terms[i, slip + 1])
+        return tangent_part(terms, i, slip)
 
     @njit(inline="always")
     def mean_of(w):
@@ -209,7 +184,7 @@ def rigid_kernels(
     @njit(inline="always")
     def holding(i, u, r, terms, details):
         """The impulse that leaves no jump at the end of the step."""
-        w = part_of_compliance(i, details)
+        w = sym_part(details, i, compliance)
         free = add(subtract(u, sym_vector(w, r)), part(terms, i, push))
         return sym_solve(w, subtract(scale(0.5, part(terms, i, start_at)), free))
 
@@ -419,7 +394,7 @@ def rigid_kernels(
         y = add(u, part(terms, i, push))
         pulls = mean_with(i, x1, add(jump0, jump1), p, parameters, details)
         hat = add(r, pulled(i, pulls, y, parameters, terms, details))
-        closed = hat[0] * mean_of(part_of_compliance(i, details))
+        closed = hat[0] * mean_of(sym_part(details, i, compliance))
         pressing = closed > u[0] + terms[i, push] - 0.5 * terms[i, start_at]
         state[i, OPENING_MAX] = max(state[i, OPENING_MAX], x1)
         state[i, DAMAGE] = new
@@ -471,7 +446,6 @@ def rigid_kernels(
         components=dim,
         prepare=prepare,
         solve=solve,
-        evolve=None,
         commit=commit,
         num_terms=terms_of.count,
         num_details=details_of.count,

@@ -28,7 +28,6 @@ def strength_of(dim: int, friction: Friction, weakening: Weakening) -> tuple[Cal
     """Kernels of a bond's strength.
 
     Args:
-        dim: dimension of space.
         friction: of the lips.
         weakening: how openings weaken the bond.
 

@@ -97,10 +97,7 @@ def rolling_kernels(dim: int, column: int) -> LawKernels:
         components=1 if dim == 2 else 3,
         prepare=prepare,
         solve=solve,
-        evolve=None,
         commit=commit,
         num_terms=0,
-        num_details=0,
-        state_names=(),
         energies=("friction",),
     )

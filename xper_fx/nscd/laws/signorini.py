@@ -5,8 +5,6 @@ It is explicit: r_N >= 0 brings dU_N to v_min. Where the normal stands alone, a 
 counts as zero is zero (`nscd/interactions.py`).
 """
 
-from __future__ import annotations
-
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import SINGULAR
 

@@ -55,13 +55,7 @@ from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_INNER
 from xper_fx.nscd.laws.contact_solver import contact_solver
 from xper_fx.nscd.laws.law import CoulombPoints, LawKernels
-from xper_fx.nscd.laws.parameters import (
-    Values,
-    acts,
-    is_field,
-    refuse_where,
-    take_parameters,
-)
+from xper_fx.nscd.laws.parameters import Values, acts, is_field, refuse_where, take_parameters
 
 # Columns of terms; all but the first are there with friction alone.
 _V_MIN, _MU, _BOUND, _SHIFT = 0, 1, 2, 3
@@ -217,17 +211,13 @@ def check_contact(contact: str, restitution: Any) -> None:
 
 @cache
 def contact_kernels(
-    dim: int,
-    friction: bool,
-    contact: str,
-    rebounds_along: bool = False,
-    rolls: bool = False,
+    dim: int, friction: bool, contact: str, rebounds_along: bool = False, rolls: bool = False
 ) -> LawKernels:
     """The kernels of unilateral contact, compiled for what the arguments call for."""
     components = dim if friction else 1
     algebra = for_dimension(dim, components)
     sym_row, sym_vector = algebra.sym_row, algebra.sym_vector
-    subtract = algebra.subtract
+    subtract, tangent_part = algebra.subtract, algebra.tangent_part
     local = contact_solver(components, friction)
     impact = contact == "velocity"
     if impact:
@@ -263,10 +253,7 @@ def contact_kernels(
         wi = sym_row(w, i)
         b = subtract(u, sym_vector(wi, r))
         if friction:
-            if dim == 2:
-                shift = (terms[i, _SHIFT],)
-            else:
-                shift = (terms[i, _SHIFT], terms[i, _SHIFT + 1])
+            shift = tangent_part(terms, i, _SHIFT)
             r_new, _ = local(b, wi, terms[i, _V_MIN], shift, terms[i, _MU], terms[i, _BOUND])
         else:
             r_new, _ = local(b, wi, terms[i, _V_MIN], (0.0,), 0.0, 0.0)
@@ -312,10 +299,8 @@ def contact_kernels(
         components=components,
         prepare=prepare,
         solve=solve,
-        evolve=None,
         commit=commit,
         num_terms=_SHIFT + dim - 1 if friction else 1,
-        num_details=0,
         state_names=("pushed",) if impact else (),
         energies=("impact", "friction") if friction else ("impact",),
         coulomb=None if rolls else coulomb,

@@ -21,7 +21,6 @@ def softening_numbers(interactions: Interactions, step: float, theta: float) -> 
     """The softening number of each law with W as it is, shape (num_laws,); 0 if it never weakens.
 
     Args:
-        interactions: the points.
         step: h (s).
         theta: weight of the end of the step.
     """

@@ -107,7 +107,7 @@ def _kernels(dim: int, contact: str, viscous: bool) -> LawKernels:
     """The kernels, with `viscous` those with a film."""
     algebra = for_dimension(dim)
     sym_row, sym_vector = algebra.sym_row, algebra.sym_vector
-    add, subtract = algebra.add, algebra.subtract
+    add, subtract, tangent_part = algebra.add, algebra.subtract, algebra.tangent_part
     local, impact = contact_solver(dim, True), contact == "velocity"
     if impact:
         from xper_fx.nscd.laws.impact import least_speed
@@ -122,12 +122,6 @@ def _kernels(dim: int, contact: str, viscous: bool) -> LawKernels:
         eta, drag = parameters_of.take("friction"), terms_of.take("friction")
     if impact:
         e, pushed = parameters_of.take("impact"), state_of.take("impact")
-
-    @njit(inline="always")
-    def lag_of(i, terms):
-        if dim == 2:
-            return (terms[i, shift],)
-        return terms[i, shift], terms[i, shift + 1]
 
     @njit(inline="always")
     def speed_of(u, lag):
@@ -168,7 +162,7 @@ def _kernels(dim: int, contact: str, viscous: bool) -> LawKernels:
     @njit(**LEAN_INNER)
     def slide_at(i, v, b, wi, parameters, terms):
         """Impulse and slip of the point with the friction of a speed."""
-        lag = lag_of(i, terms)
+        lag = tangent_part(terms, i, shift)
         mu, bound = friction_at(i, v, parameters, terms), drag_at(i, v, terms)
         r, _ = local(b, wi, terms[i, v_min], lag, mu, bound)
         return r, speed_of(add(b, sym_vector(wi, r)), lag)
@@ -203,7 +197,7 @@ def _kernels(dim: int, contact: str, viscous: bool) -> LawKernels:
 
     @njit(**MERGED_ENTRY)
     def solve(i, u, r, w, parameters, terms, details):
-        wi, lag = sym_row(w, i), lag_of(i, terms)
+        wi, lag = sym_row(w, i), tangent_part(terms, i, shift)
         b = subtract(u, sym_vector(wi, r))
         stuck, status = local(b, wi, terms[i, v_min], lag, parameters[i, mu_s], 0.0)
         if status == OPEN or (status == STICK and terms[i, start] == 0.0):
@@ -234,7 +228,7 @@ def _kernels(dim: int, contact: str, viscous: bool) -> LawKernels:
             state[i, pushed] = r[0]
         if r[0] <= 0.0 and size == 0.0:
             return 0
-        v = speed_of(u, lag_of(i, terms))
+        v = speed_of(u, tangent_part(terms, i, shift))
         limit = friction_at(i, v, parameters, terms) * r[0] + drag_at(i, v, terms)
         return 2 if size >= (1.0 - 1e-9) * limit * limit else 1
 
@@ -244,10 +238,8 @@ def _kernels(dim: int, contact: str, viscous: bool) -> LawKernels:
         components=dim,
         prepare=prepare,
         solve=solve,
-        evolve=None,
         commit=commit,
         num_terms=terms_of.count,
-        num_details=0,
         state_names=("pushed",) if impact else (),
         energies=("impact", "friction"),
     )

@@ -53,15 +53,10 @@ _IMPACT, _FRICTION, _NUMERICAL, _COHESION = range(4)
 
 @dataclass(frozen=True)
 class WeakeningInStatics:
-    """A law of `weakening_friction.py` in a static run.
+    """A law of `weakening_friction.py` in a static run."""
 
-    Args:
-        law: for runs with inertia, which has the parameters and the history.
-        joint: whether it has cohesion.
-    """
-
-    law: Any
-    joint: bool
+    law: Any  #: for runs with inertia, which has the parameters and the history
+    joint: bool  #: whether it has cohesion
 
     def kernels(self, dim: int) -> LawKernels:
         """See `Law`."""
@@ -85,7 +80,8 @@ def static_kernels(dim: int, contact: str, joint: bool) -> LawKernels:
     """The kernels of slip weakening, with `joint` those of Mohr-Coulomb."""
     law, columns, share, mean_share, set_share, slip_of = weakening_kernels(dim, contact, joint)
     algebra, impact = for_dimension(dim), contact == "velocity"
-    dot, scale, subtract = algebra.dot, algebra.scale, algebra.subtract
+    dot, add, scale, subtract = algebra.dot, algebra.add, algebra.scale, algebra.subtract
+    tangent_part, with_normal = algebra.tangent_part, algebra.with_normal
     mu_s, mu_d, length = columns.mu_s, columns.mu_d, columns.length
     cohesion, tension, area_time = columns.cohesion, columns.tension, columns.area_time
     v_min, mu, bound, shift, pull = (
@@ -99,10 +95,6 @@ def static_kernels(dim: int, contact: str, joint: bool) -> LawKernels:
     def growth(parameters: np.ndarray, state: np.ndarray):
         slip, distance = state[:, slipped], parameters[:, length]
         return slip, distance, slip < distance
-
-    @njit(inline="always")
-    def with_normal(x, normal):
-        return (normal, x[1]) if dim == 2 else (normal, x[1], x[2])
 
     @njit(inline="always")
     def across(w, i):
@@ -139,10 +131,7 @@ def static_kernels(dim: int, contact: str, joint: bool) -> LawKernels:
         limit += friction * normal
         if w_t <= 0.0 or limit <= 0.0:
             return with_normal(scale(0.0, r), normal - held), True
-        if dim == 2:
-            slip = (0.0, u[1] + terms[i, shift])
-        else:
-            slip = (0.0, u[1] + terms[i, shift], u[2] + terms[i, shift + 1])
+        slip = add(u, (0.0,) + tangent_part(terms, i, shift))
         trial = with_normal(subtract(r, scale(1.0 / w_t, slip)), 0.0)
         size = np.sqrt(dot(trial, trial))
         if size > limit:

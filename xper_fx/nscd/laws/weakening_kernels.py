@@ -37,6 +37,7 @@ def weakening_kernels(dim: int, contact: str, joint: bool) -> WeakeningKernels:
     """The kernels of slip weakening, with `joint` those of Mohr-Coulomb."""
     algebra = for_dimension(dim)
     sym_row, sym_vector, subtract = algebra.sym_row, algebra.sym_vector, algebra.subtract
+    tangent_part, with_normal = algebra.tangent_part, algebra.with_normal
     local, impact = contact_solver(dim, True), contact == "velocity"
     if impact:
         from xper_fx.nscd.laws.impact import least_speed
@@ -113,14 +114,10 @@ def weakening_kernels(dim: int, contact: str, joint: bool) -> WeakeningKernels:
     def solve(i, u, r, w, parameters, terms, details):
         wi, held = sym_row(w, i), pull_of(i, terms)
         # the cone's tip is at r_N = -f sigma_t h A
-        lifted = (r[0] + held, r[1]) if dim == 2 else (r[0] + held, r[1], r[2])
-        b = subtract(u, sym_vector(wi, lifted))
-        if dim == 2:
-            lag = (terms[i, shift],)
-        else:
-            lag = (terms[i, shift], terms[i, shift + 1])
+        b = subtract(u, sym_vector(wi, with_normal(r, r[0] + held)))
+        lag = tangent_part(terms, i, shift)
         new, _ = local(b, wi, terms[i, v_min], lag, terms[i, mu], terms[i, bound])
-        return ((new[0] - held, new[1]) if dim == 2 else (new[0] - held, new[1], new[2])), False
+        return with_normal(new, new[0] - held), False
 
     @njit(inline="always")
     def slip_of(i, u, details):

@@ -29,12 +29,7 @@ LOCAL_SOLVERS: dict[int, tuple[str, ...]] = {
 
 _SOLVERS = {
     2: {"explicit": EXPLICIT[2], "graph": GRAPH, "bipotential": BIPOTENTIAL[2]},
-    3: {
-        "explicit": EXPLICIT[3],
-        "bipotential": BIPOTENTIAL[3],
-        "newton": NEWTON,
-        "exact": EXACT,
-    },
+    3: {"explicit": EXPLICIT[3], "bipotential": BIPOTENTIAL[3], "newton": NEWTON, "exact": EXACT},
 }
 
 

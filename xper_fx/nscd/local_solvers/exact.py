@@ -30,8 +30,6 @@ Singular S as in coulomb.py: a direction of no compliance carries nothing; one t
 stop slides, if it can.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from xper_fx.nscd.algebra.small import SINGULAR

@@ -19,8 +19,6 @@ closing meets no friction. Stops after a full step of less than 1e-9 of r (the e
 square).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from xper_fx.nscd.algebra.small import for_dimension

@@ -19,8 +19,6 @@ one is taken. No division is left to `solve`, nor is `w` read unless S = 0.
 Where S = 0 (a node guided obliquely) a slip that closing does not stop slides, if it can.
 """
 
-from __future__ import annotations
-
 from xper_fx.nscd.algebra.small import SINGULAR
 from xper_fx.nscd.laws.signorini import NO_SLIP
 from xper_fx.nscd.local_solvers.interface import INLINE_KERNEL, KERNEL, LocalSolver

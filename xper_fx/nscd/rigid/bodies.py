@@ -22,43 +22,30 @@ class ShapeTables(NamedTuple):
     `face_offsets[s]:face_offsets[s + 1]` and edges `edge_offsets[s]:edge_offsets[s + 1]`; vertex
     and face numbers within an entry count from its first. Faces of a polygon are its edges: face i
     goes from vertex i to i + 1; it has no entries among the edges.
-
-    Attributes:
-        kind: numbers of `shapes`, shape (num_pieces,), int8.
-        radius: of discs and spheres, 0 for others, shape (num_pieces,).
-        bounding_radius: about the centre of the piece, inf for walls, shape (num_pieces,).
-        entry: of each piece in the tables of corners, -1 if it has none, shape (num_pieces,),
-            int32.
-        body: of each piece, shape (num_pieces,), int32, rising.
-        offset: of the piece's centre from the body's centre of mass, in the body's axes, shape
-            (num_pieces, dim).
-        vertex_offsets: shape (num_entries + 1,), int32.
-        vertices: about the centre of the piece in the body's axes, shape (num_vertices, dim).
-        face_offsets: shape (num_entries + 1,), int32.
-        loop_offsets: first place in `loops` of each face, shape (num_faces + 1,), int32.
-        loops: vertices of the faces, counter-clockwise from outside, int32.
-        face_normal: outward unit normals in the body's axes, shape (num_faces, dim).
-        face_distance: of the face's plane from the centre of the piece, shape (num_faces,).
-        edge_offsets: shape (num_entries + 1,), int32.
-        edges: vertices (a, b), a < b, of edges of polyhedra, shape (num_edges, 2), int32.
-        edge_faces: the face that runs from a to b, and that from b to a, shape (num_edges, 2).
     """
 
-    kind: np.ndarray
-    radius: np.ndarray
+    kind: np.ndarray  #: numbers of `shapes`, shape (num_pieces,), int8
+    radius: np.ndarray  #: of discs and spheres, 0 for others, shape (num_pieces,)
+    #: about the centre of the piece, inf for walls, shape (num_pieces,)
     bounding_radius: np.ndarray
+    #: of each piece in the tables of corners, -1 if it has none, shape (num_pieces,), int32
     entry: np.ndarray
-    body: np.ndarray
+    body: np.ndarray  #: of each piece, shape (num_pieces,), int32, rising
+    #: of the piece's centre from the body's centre of mass, in the body's axes, shape (num_pieces,
+    #: dim)
     offset: np.ndarray
-    vertex_offsets: np.ndarray
+    vertex_offsets: np.ndarray  #: shape (num_entries + 1,), int32
+    #: about the centre of the piece in the body's axes, shape (num_vertices, dim)
     vertices: np.ndarray
-    face_offsets: np.ndarray
-    loop_offsets: np.ndarray
-    loops: np.ndarray
-    face_normal: np.ndarray
+    face_offsets: np.ndarray  #: shape (num_entries + 1,), int32
+    loop_offsets: np.ndarray  #: first place in `loops` of each face, shape (num_faces + 1,), int32
+    loops: np.ndarray  #: vertices of the faces, counter-clockwise from outside, int32
+    face_normal: np.ndarray  #: outward unit normals in the body's axes, shape (num_faces, dim)
+    #: of the face's plane from the centre of the piece, shape (num_faces,)
     face_distance: np.ndarray
-    edge_offsets: np.ndarray
-    edges: np.ndarray
+    edge_offsets: np.ndarray  #: shape (num_entries + 1,), int32
+    edges: np.ndarray  #: vertices (a, b), a < b, of edges of polyhedra, shape (num_edges, 2), int32
+    #: the face that runs from a to b, and that from b to a, shape (num_edges, 2)
     edge_faces: np.ndarray
 
     @property

@@ -33,9 +33,6 @@ _CUTS = 20
 class DrivenMotion(RigidMotion):
     """As `RigidMotion`, of bodies whose every degree of freedom is prescribed, without inertia.
 
-    Args:
-        bodies: the bodies.
-
     Attributes:
         pushed: forces and torques of contacts at the committed state, shape (n, 2 dim), N, N m.
     """

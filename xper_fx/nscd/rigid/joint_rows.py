@@ -38,38 +38,24 @@ _LEAST = 1e-6
 
 
 class Row(NamedTuple):
-    """A row in space as the bodies are placed.
+    """A row in space as the bodies are placed."""
 
-    Attributes:
-        kind: PLANE, LENGTH, TURN, ALIGN or TWIST.
-        law: of its gap.
-        ends: points of a and b, shape (2, dim), m.
-        directions: two of a and one of b, shape (3, dim), unit: d, e and c. PLANE takes the first,
-            ALIGN the others, at right angles; TWIST all, e and c the same and at right angles to d.
-        sign: s.
-        offset: g0, or L of a length (m, rad).
-    """
-
-    kind: int
-    law: Law
-    ends: np.ndarray
+    kind: int  #: PLANE, LENGTH, TURN, ALIGN or TWIST
+    law: Law  #: of its gap
+    ends: np.ndarray  #: points of a and b, shape (2, dim), m
+    #: two of a and one of b, shape (3, dim), unit: d, e and c. PLANE takes the first, ALIGN the
+    #: others, at right angles; TWIST all, e and c the same and at right angles to d.
     directions: np.ndarray
-    sign: float = 1.0
-    offset: float = 0.0
+    sign: float = 1.0  #: s
+    offset: float = 0.0  #: g0, or L of a length (m, rad)
 
 
 class Place(NamedTuple):
-    """Rows where the bodies have been moved to.
+    """Rows where the bodies have been moved to."""
 
-    Attributes:
-        gap: shape (n,), m or rad.
-        normal: shape (n, dim).
-        arms: from the centres of b and a, shape (n, 2, dim), m; zero of rows on spins.
-    """
-
-    gap: np.ndarray
-    normal: np.ndarray
-    arms: np.ndarray
+    gap: np.ndarray  #: shape (n,), m or rad
+    normal: np.ndarray  #: shape (n, dim)
+    arms: np.ndarray  #: from the centres of b and a, shape (n, 2, dim), m; zero of rows on spins
 
 
 class JointRows:

@@ -43,39 +43,28 @@ _GRAVITY = "The gravity (m/s^2)"
 
 
 class RigidState(NamedTuple):
-    """Positions and velocities of all bodies at one time.
+    """Positions and velocities of all bodies at one time."""
 
-    Attributes:
-        position: of the centres of mass, shape (n, dim), m.
-        velocity: of the centres of mass, shape (n, dim), m/s.
-        turn: rotation, angular momentum, spin and inertia in space.
-    """
-
-    position: np.ndarray
-    velocity: np.ndarray
-    turn: Turn
+    position: np.ndarray  #: of the centres of mass, shape (n, dim), m
+    velocity: np.ndarray  #: of the centres of mass, shape (n, dim), m/s
+    turn: Turn  #: rotation, angular momentum, spin and inertia in space
 
 
 class Prediction(NamedTuple):
-    """Where the kick of a step takes place, and the velocities without contacts.
+    """Where the kick of a step takes place, and the velocities without contacts."""
 
-    Attributes:
-        position: x_m of the centres of mass, shape (n, dim), m.
-        rotation: angles, shape (n,), rad (2D); matrices from body to space, (n, 3, 3) (3D).
-        start: velocities v0 there, before the kick, shape (2 n, dim), m/s and rad/s.
-        free: velocities after a kick without contacts, with the prescribed ones of the end of the
-            step, shape (2 n, dim).
-        gradient: Fbar there, shape (dim, dim), of a periodic cell that deforms, whose columns of
-            dFbar/dt come behind the other velocities; None without one.
-        way: by how much bodies may move and turn in a step along a path, shape (2 n, dim), m and
-            rad; None where the velocities say it.
-    """
-
-    position: np.ndarray
+    position: np.ndarray  #: x_m of the centres of mass, shape (n, dim), m
+    #: angles, shape (n,), rad (2D); matrices from body to space, (n, 3, 3) (3D)
     rotation: np.ndarray
-    start: np.ndarray
+    start: np.ndarray  #: velocities v0 there, before the kick, shape (2 n, dim), m/s and rad/s
+    #: velocities after a kick without contacts, with the prescribed ones of the end of the step,
+    #: shape (2 n, dim)
     free: np.ndarray
+    #: Fbar there, shape (dim, dim), of a periodic cell that deforms, whose columns of dFbar/dt come
+    #: behind the other velocities; None without one
     gradient: np.ndarray | None = None
+    #: by how much bodies may move and turn in a step along a path, shape (2 n, dim), m and rad;
+    #: None where the velocities say it
     way: np.ndarray | None = None
 
 
@@ -83,21 +72,14 @@ class RigidWork(NamedTuple):
     """Energies of a step (J; 2D: per metre of depth).
 
     kinetic - (kinetic at the start) = loads + contacts + prescribed - scheme.
-
-    Attributes:
-        kinetic: kinetic energy at the end.
-        loads: work of gravity, forces and torques.
-        contacts: work of the impulses of contacts.
-        prescribed: work of what prescribes velocities.
-        scheme: energy taken by the scheme, zero for theta = 1/2.
-        change: of bodies that are driven without inertia, of half the change of what drives them.
     """
 
-    kinetic: float
-    loads: float
-    contacts: float
-    prescribed: float
-    scheme: float
+    kinetic: float  #: kinetic energy at the end
+    loads: float  #: work of gravity, forces and torques
+    contacts: float  #: work of the impulses of contacts
+    prescribed: float  #: work of what prescribes velocities
+    scheme: float  #: energy taken by the scheme, zero for theta = 1/2
+    #: of bodies that are driven without inertia, of half the change of what drives them
     change: float = 0.0
 
 
@@ -108,7 +90,6 @@ class RigidMotion:
     wanted and with any size, then `commit`.
 
     Args:
-        bodies: the bodies.
         gravity: acceleration, shape (dim,), m/s^2; constant or of time; None is none.
 
     Attributes:

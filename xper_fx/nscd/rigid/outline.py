@@ -31,20 +31,13 @@ _MOST_SEGMENTS = 10_000
 
 
 class Outline(NamedTuple):
-    """Triangles of all bodies; points and cells are sorted by body.
+    """Triangles of all bodies; points and cells are sorted by body."""
 
-    Attributes:
-        points: in the axes of their body, about its centre of mass, shape (p, dim), m.
-        cells: points of the triangles, shape (t, 3), int32.
-        body_of_point: shape (p,), int32.
-        body_of_cell: shape (t,), int32.
-        piece_of_point, piece_of_cell: convex piece of a body (`ShapeTables`), int32.
-    """
-
-    points: np.ndarray
-    cells: np.ndarray
-    body_of_point: np.ndarray
-    body_of_cell: np.ndarray
+    points: np.ndarray  #: in the axes of their body, about its centre of mass, shape (p, dim), m
+    cells: np.ndarray  #: points of the triangles, shape (t, 3), int32
+    body_of_point: np.ndarray  #: shape (p,), int32
+    body_of_cell: np.ndarray  #: shape (t,), int32
+    #: piece_of_point, piece_of_cell: convex piece of a body (`ShapeTables`), int32
     piece_of_point: np.ndarray
     piece_of_cell: np.ndarray
 
@@ -135,7 +128,6 @@ def body_outlines(bodies: RigidBodies, segments: int = 24) -> Outline:
     """Triangles of all bodies in their own axes.
 
     Args:
-        bodies: the bodies.
         segments: sides of the polygon that stands for a circle, at least 3. A sphere has about
             `segments`^2 triangles.
 
@@ -188,7 +180,6 @@ def piece_faces(bodies: RigidBodies, outline: Outline) -> tuple[list[np.ndarray]
     spheres, and of walls their surface alone.
 
     Args:
-        bodies: the bodies.
         outline: of these bodies.
 
     Returns:

@@ -11,19 +11,14 @@ from xper_fx.nscd.rigid.bodies import RigidBodies
 
 
 class Turn(NamedTuple):
-    """Where bodies have turned to, and how they spin; s = 1 in 2D, 3 in 3D.
+    """Where bodies have turned to, and how they spin; s = 1 in 2D, 3 in 3D."""
 
-    Attributes:
-        rotation: angles, shape (n,), rad (2D); matrices from body to space, (n, 3, 3) (3D).
-        momentum: angular momentum about the centre of mass, in space, shape (n, s), N m s.
-        spin: in space, shape (n, s), rad/s.
-        inertia: in space, shape (n, s, s), kg m^2.
-    """
-
+    #: angles, shape (n,), rad (2D); matrices from body to space, (n, 3, 3) (3D)
     rotation: np.ndarray
+    #: angular momentum about the centre of mass, in space, shape (n, s), N m s
     momentum: np.ndarray
-    spin: np.ndarray
-    inertia: np.ndarray
+    spin: np.ndarray  #: in space, shape (n, s), rad/s
+    inertia: np.ndarray  #: in space, shape (n, s, s), kg m^2
 
 
 class PlaneTurning:
@@ -43,8 +38,7 @@ class PlaneTurning:
     def drift(self, size: float, turn: Turn) -> Turn:
         """Bodies after a time `size` (s) without torques."""
         return turn._replace(
-            rotation=turn.rotation + size * turn.spin[:, 0],
-            momentum=self.inertia[:, 0] * turn.spin,
+            rotation=turn.rotation + size * turn.spin[:, 0], momentum=self.inertia[:, 0] * turn.spin
         )
 
     def turned(self, angle: np.ndarray, turn: Turn) -> Turn:

@@ -19,8 +19,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from xper_fx.nscd.rigid.polytope import Cornered
-from xper_fx.nscd.rigid.shapes import POLYGON, MassProperties, check_positive
+from xper_fx.nscd.rigid.shapes import POLYGON, Cornered, MassProperties, check_positive
 from xper_fx.support.checks import require_count, require_numbers, require_vector
 
 # Sides of a polygon that a search of contacts still bears.

@@ -23,8 +23,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
 
-from xper_fx.nscd.rigid.polytope import Cornered
-from xper_fx.nscd.rigid.shapes import POLYHEDRON, MassProperties, check_positive
+from xper_fx.nscd.rigid.shapes import POLYHEDRON, Cornered, MassProperties, check_positive
 from xper_fx.support.checks import require_numbers, require_vector
 
 # Height above a face, relative to the size of the polyhedron, that still counts as in its plane.

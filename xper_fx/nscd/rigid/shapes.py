@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What every shape of a rigid body has in common, and the shapes without corners.
+"""What shapes of rigid bodies have in common, and the shapes without corners.
 
 A shape lives in the axes of its body. Its mass properties are those of a homogeneous solid; in 2D
 they are per metre of depth, so that a density stays in kg/m^3 and a mass is in kg/m. The inertia
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -54,14 +55,10 @@ class Shape(Protocol):
 
 
 class Piece(NamedTuple):
-    """A convex shape of a body.
+    """A convex shape of a body."""
 
-    Attributes:
-        shape: with the axes of the body.
-        offset: of its centroid from the body's centre of mass, in the body's axes, (dim,), m.
-    """
-
-    shape: Shape
+    shape: Shape  #: with the axes of the body
+    #: of its centroid from the body's centre of mass, in the body's axes, (dim,), m
     offset: np.ndarray
 
 
@@ -74,6 +71,29 @@ def check_positive(what: str, value: float) -> float:
     if not (math.isfinite(number) and number > 0.0):
         raise ValueError(f"{what} must be a finite positive number, got {value!r}.")
     return number
+
+
+class Cornered:
+    """A solid with vertices, shape (n, dim), and `unit_properties` for the density 1 kg/m^3."""
+
+    vertices: np.ndarray
+    unit_properties: MassProperties
+
+    def mass_properties(self, density: float) -> MassProperties:
+        """Mass properties for a density (kg/m^3); in 2D per metre of depth."""
+        density = check_positive("A density (kg/m^3)", density)
+        unit = self.unit_properties
+        return MassProperties(density * unit.mass, unit.centre, density * unit.inertia)
+
+    @cached_property
+    def centred_vertices(self) -> np.ndarray:
+        """Vertices about the centroid, shape (n, dim), m."""
+        return self.vertices - self.unit_properties.centre
+
+    @property
+    def bounding_radius(self) -> float:
+        """Largest distance of a vertex from the centroid (m)."""
+        return float(np.linalg.norm(self.centred_vertices, axis=1).max())
 
 
 @dataclass(frozen=True, eq=False)

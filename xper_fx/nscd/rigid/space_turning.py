@@ -225,8 +225,7 @@ def _tumble(size, i, inverse, momentum, rotation):
         bc = _cross(b, c)
         scaling = -1.0 / dot(a, bc)
         correction = scale(
-            scaling,
-            (dot(residual, bc), dot(residual, _cross(c, a)), dot(residual, _cross(a, b))),
+            scaling, (dot(residual, bc), dot(residual, _cross(c, a)), dot(residual, _cross(a, b)))
         )
         pi = add(pi, correction)
         error = np.sqrt(dot(correction, correction))

@@ -41,17 +41,13 @@ class Corners(NamedTuple):
 
     Body b has vertices `vertex_start[b]:vertex_start[b + 1]` and faces
     `face_start[b]:face_start[b + 1]`, none if it has no corners.
-
-    Attributes:
-        vertex_start, face_start: shape (num_bodies + 1,), int64.
-        vertex: shape (num_vertices, dim), m.
-        normal: shape (num_faces, dim), outward unit normals.
     """
 
+    #: vertex_start, face_start: shape (num_bodies + 1,), int64
     vertex_start: np.ndarray
     face_start: np.ndarray
-    vertex: np.ndarray
-    normal: np.ndarray
+    vertex: np.ndarray  #: shape (num_vertices, dim), m
+    normal: np.ndarray  #: shape (num_faces, dim), outward unit normals
 
 
 def collect(jobs: Sequence[tuple], dim: int, expected: int) -> Contacts:
@@ -60,7 +56,6 @@ def collect(jobs: Sequence[tuple], dim: int, expected: int) -> Contacts:
     Args:
         jobs: a kernel and its arguments each; called with `Found` and these, it returns how many
             contacts there are.
-        dim: dimension of space.
         expected: room at first, in contacts.
     """
     while True:

@@ -100,16 +100,11 @@ def _recedes(n, sign, direction, facet_normal, turn):
 
 
 class Crossings(NamedTuple):
-    """Contacts of edges; the first `found` rows.
+    """Contacts of edges; the first `found` rows."""
 
-    Attributes:
-        pair: shape (n,), int32, of those that were looked at.
-        weights: share of the second node of each edge, shape (n, 2).
-        normal, gap, area: shape (n, 3), (n,), (n,); m, m^2.
-    """
-
-    pair: np.ndarray
-    weights: np.ndarray
+    pair: np.ndarray  #: shape (n,), int32, of those that were looked at
+    weights: np.ndarray  #: share of the second node of each edge, shape (n, 2)
+    #: normal, gap, area: shape (n, 3), (n,), (n,); m, m^2
     normal: np.ndarray
     gap: np.ndarray
     area: np.ndarray
@@ -129,7 +124,6 @@ def crossings(
         pairs: numbers among the edges, shape (p, 2).
         edges, others: of `surface_edges`.
         bends: of `edge_bends`.
-        faces: `Faces`.
         reach: largest gap (m).
     """
     room = len(pairs)

@@ -97,41 +97,28 @@ class _Ways(NamedTuple):
 
 
 class Touching(NamedTuple):
-    """Contacts of points with facets; the first `found` rows.
+    """Contacts of points with facets; the first `found` rows."""
 
-    Attributes:
-        point, facet: shape (n,), int32.
-        slot: counts the contacts of a point with a fragment, shape (n,), int64.
-        weights: of the facet's nodes, shape (n, dim).
-        normal: out of the facet, shape (n, dim).
-        gap: m, shape (n,).
-        area: m^2 (2D: m), shape (n,): of a node what faces the contact, else the facet's share.
-    """
-
+    #: point, facet: shape (n,), int32
     point: np.ndarray
     facet: np.ndarray
-    slot: np.ndarray
-    weights: np.ndarray
-    normal: np.ndarray
-    gap: np.ndarray
+    slot: np.ndarray  #: counts the contacts of a point with a fragment, shape (n,), int64
+    weights: np.ndarray  #: of the facet's nodes, shape (n, dim)
+    normal: np.ndarray  #: out of the facet, shape (n, dim)
+    gap: np.ndarray  #: m, shape (n,)
+    #: m^2 (2D: m), shape (n,): of a node what faces the contact, else the facet's share
     area: np.ndarray
 
 
 class Points(NamedTuple):
-    """Points that may touch facets.
+    """Points that may touch facets."""
 
-    Attributes:
-        position: shape (p, dim), m; with `meshed` these are the nodes.
-        radius: of each point, shape (p,), m: that of the disc or sphere around it.
-        outward: direction out of the solid at each point, shape (p, dim), zero if it has none;
-            not read with `meshed`, where a node's own facets say it.
-        meshed: whether points are nodes. Others touch no vertex: that node finds them.
-    """
-
-    position: np.ndarray
-    radius: np.ndarray
+    position: np.ndarray  #: shape (p, dim), m; with `meshed` these are the nodes
+    radius: np.ndarray  #: of each point, shape (p,), m: that of the disc or sphere around it
+    #: direction out of the solid at each point, shape (p, dim), zero if it has none; not read with
+    #: `meshed`, where a node's own facets say it
     outward: np.ndarray
-    meshed: bool
+    meshed: bool  #: whether points are nodes. Others touch no vertex: that node finds them.
 
 
 def room_for(count: int, dim: int) -> Touching:
@@ -476,9 +463,7 @@ def point_facet(
     """Find the contacts of points with the facets listed for each.
 
     Args:
-        points: the points.
         pairs: the facets that each may touch.
-        faces: `Faces`.
         reach: largest gap (m).
         hollows: whether both sides of mild hollows hold a point.
         out: `Touching`, where contacts go, as many as there is room for.

@@ -85,14 +85,10 @@ def closest_on_face(y, vertices, first, loop, face_normal, height, q):
 
 
 class OnRigid(NamedTuple):
-    """Contacts of nodes with rigid bodies; the first `found` rows.
+    """Contacts of nodes with rigid bodies; the first `found` rows."""
 
-    Attributes:
-        pair: shape (n,), int32, of those that were looked at.
-        normal, gap, area: shape (n, dim), (n,), (n,); m, m^2 (2D: m).
-    """
-
-    pair: np.ndarray
+    pair: np.ndarray  #: shape (n,), int32, of those that were looked at
+    #: normal, gap, area: shape (n, dim), (n,), (n,); m, m^2 (2D: m)
     normal: np.ndarray
     gap: np.ndarray
     area: np.ndarray
@@ -110,10 +106,8 @@ def nodes_on_rigid(
 
     Args:
         pairs: nodes and bodies that may touch, shape (p, 2).
-        faces: `Faces`.
         position: of the rigid bodies, shape (n, dim), m.
         turn: from their axes to those of space, shape (n, dim, dim).
-        shapes: `ShapeTables`.
         reach: largest gap (m).
     """
     room, dim = len(pairs), position.shape[1]

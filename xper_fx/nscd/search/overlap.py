@@ -21,23 +21,15 @@ from xper_fx.nscd.rigid.bodies import ShapeTables
 
 
 class Overlap(NamedTuple):
-    """Room for an overlap and for clipping it.
+    """Room for an overlap and for clipping it."""
 
-    Attributes:
-        place: shape (2, room, 3), corners (u, w, h): the overlap in [0].
-        edge: shape (2, room), int64, the edge that leaves a corner; clipping edges as ~e.
-        crossed: shape (2, room, 2), int64, edges that cross at a corner: incident and reference.
-        name: shape (room,), int64.
-        gap: shape (room,).
-        kept: shape (room,), int64, corners that are kept.
-    """
-
-    place: np.ndarray
-    edge: np.ndarray
+    place: np.ndarray  #: shape (2, room, 3), corners (u, w, h): the overlap in [0]
+    edge: np.ndarray  #: shape (2, room), int64, the edge that leaves a corner; clipping edges as ~e
+    #: shape (2, room, 2), int64, edges that cross at a corner: incident and reference
     crossed: np.ndarray
-    name: np.ndarray
-    gap: np.ndarray
-    kept: np.ndarray
+    name: np.ndarray  #: shape (room,), int64
+    gap: np.ndarray  #: shape (room,)
+    kept: np.ndarray  #: shape (room,), int64, corners that are kept
 
 
 def overlap_room(tables: ShapeTables) -> Overlap:

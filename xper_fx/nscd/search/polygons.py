@@ -15,8 +15,6 @@ polygon above an edge of the other, and is named after that vertex, of the first
 vertices meet.
 """
 
-from __future__ import annotations
-
 import math
 
 from xper_fx.cache import njit

@@ -79,16 +79,12 @@ def _part(kind: type, tables: ShapeTables) -> NamedTuple:
 
 
 class Touching(NamedTuple):
-    """Room for two points that face each other.
+    """Room for two points that face each other."""
 
-    Attributes:
-        on_a, on_b: shape (2, 3), on the first body and on the second (m).
-        name: shape (2,), int64, as in `overlap`.
-    """
-
+    #: on_a, on_b: shape (2, 3), on the first body and on the second (m)
     on_a: np.ndarray
     on_b: np.ndarray
-    name: np.ndarray
+    name: np.ndarray  #: shape (2,), int64, as in `overlap`
 
 
 @njit(**MERGED)
@@ -399,19 +395,14 @@ def _closest_vertices_edges(touching, corners, tables, bodies, offset, n, near, 
 
 
 class _Pointed(NamedTuple):
-    """Room for pairs whose faces do not overlap, each with one point on either body.
+    """Room for pairs whose faces do not overlap, each with one point on either body."""
 
-    Attributes:
-        which: shape (n, 4), int64: a, b, the name of the point, as in `overlap`, and whether it is
-            where two edges cross.
-        vectors: shape (n, 3, 3), the points of a and b about the centre of b (m), and the normal
-            from b to a.
-        separation: shape (n,), along the normal (m).
-    """
-
+    #: shape (n, 4), int64: a, b, the name of the point, as in `overlap`, and whether it is where
+    #: two edges cross
     which: np.ndarray
+    #: shape (n, 3, 3), the points of a and b about the centre of b (m), and the normal from b to a
     vectors: np.ndarray
-    separation: np.ndarray
+    separation: np.ndarray  #: shape (n,), along the normal (m)
 
 
 class _Room(NamedTuple):
@@ -434,11 +425,8 @@ def polyhedron_polyhedron(
     """Contacts of convex polyhedra, four at most of a pair.
 
     Args:
-        found: `Found`.
         pairs: shape (num_pairs, 2), candidate and antagonist.
         position: shape (num_bodies, 3), centres (m).
-        corners: `Corners`.
-        tables: `ShapeTables`.
         bounding_radius: shape (num_bodies,), m.
         reach: largest gap of a contact (m).
 

@@ -31,11 +31,7 @@ from xper_fx.nscd.search.contact_pairs import Contacts
 from xper_fx.nscd.search.coplanar import without_flats
 from xper_fx.nscd.search.grid import labelled_box_pairs
 from xper_fx.nscd.search.polygons import disc_polygon, polygon_polygon, polygon_wall
-from xper_fx.nscd.search.polyhedra import (
-    polyhedron_polyhedron,
-    polyhedron_wall,
-    sphere_polyhedron,
-)
+from xper_fx.nscd.search.polyhedra import polyhedron_polyhedron, polyhedron_wall, sphere_polyhedron
 from xper_fx.nscd.search.spheres import ball_ball, ball_wall
 
 # Price of a pair in the making of a list and, by kinds and dimension, in a search, in units of two
@@ -113,7 +109,6 @@ class RigidSearch:
         num_candidates: pairs in the list, walls' pairs left out.
 
     Args:
-        bodies: the bodies.
         pairs: names of groups that may touch, (a, b) or (a, a). Bodies all of whose degrees of
             freedom are prescribed do not touch each other.
         reach: largest gap of a contact (m), positive.

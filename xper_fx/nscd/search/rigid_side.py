@@ -26,10 +26,7 @@ class RigidSide:
     """
 
     def __init__(
-        self,
-        bodies: RigidBodies | None,
-        surface: Surface,
-        pairs: Sequence[tuple[str, str]] | None,
+        self, bodies: RigidBodies | None, surface: Surface, pairs: Sequence[tuple[str, str]] | None
     ):
         dim = surface.dim
         self.points = self.outward = np.empty((0, dim))

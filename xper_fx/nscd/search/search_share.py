@@ -17,21 +17,15 @@ import numpy as np
 
 
 class SearchShare(Protocol):
-    """A rank's share of a search; ranks call its methods together.
+    """A rank's share of a search; ranks call its methods together."""
 
-    Attributes:
-        own_body: shape (num_bodies,), bool: whose nodes this rank looks at.
-        own_node: shape (num_nodes,), bool: these nodes.
-        body_of_node: shape (num_nodes,), int.
-        own_rigid: shape (num_rigid,), bool: rigid bodies whose corners and centres this rank looks
-            at, each on one rank; empty without any.
-        known: shape (num_bodies,), bool: the bodies where positions of nodes mean something.
-    """
-
-    own_body: np.ndarray
-    own_node: np.ndarray
-    body_of_node: np.ndarray
+    own_body: np.ndarray  #: shape (num_bodies,), bool: whose nodes this rank looks at
+    own_node: np.ndarray  #: shape (num_nodes,), bool: these nodes
+    body_of_node: np.ndarray  #: shape (num_nodes,), int
+    #: shape (num_rigid,), bool: rigid bodies whose corners and centres this rank looks at, each on
+    #: one rank; empty without any
     own_rigid: np.ndarray
+    #: shape (num_bodies,), bool: the bodies where positions of nodes mean something
     known: np.ndarray
 
     def meet(

@@ -7,8 +7,6 @@ The feature of the key is always 0: a ball touches a convex body once, and keeps
 learnt while it rolls.
 """
 
-from __future__ import annotations
-
 import math
 
 from xper_fx.cache import njit

@@ -15,33 +15,28 @@ class Surface:
     Facets of one body share the nodes where they meet. Where two bodies are bonded each has its own
     facet, and the bond names the nodes that coincide.
 
-    Args:
-        facets: node numbers, shape (f, dim), int: edges in 2D, their outward normal the direction
-            from the first node to the second turned by -90 degrees; triangles in 3D, nodes
-            counter-clockwise seen from outside.
-        body: mesh body of each facet, shape (f,), int.
-        num_nodes: number of nodes of the mesh, those of no facet included.
-        group: number of the group of each facet, shape (f,), int; None: all of group 0.
-        groups: names of the groups.
-        bond: number of the bond that hides each facet, -1 for an outer one, shape (f,), int;
-            None: all are outer ones.
-        bond_nodes: nodes that a bond joins, matched, shape (num_bonds, 2, m), int.
-        bond_bodies: bodies that a bond joins, shape (num_bonds, 2), int.
-        thickness: of the material behind each facet (m), shape (f,): contacts are not sought deeper
-            than a share of it. None: the facets' sizes alone bound the depth.
-
     Raises:
         ValueError: shapes or numbers that do not fit.
     """
 
+    #: node numbers, shape (f, dim), int: edges in 2D, their outward normal the direction from the
+    #: first node to the second turned by -90 degrees; triangles in 3D, nodes counter-clockwise seen
+    #: from outside
     facets: np.ndarray
-    body: np.ndarray
-    num_nodes: int
+    body: np.ndarray  #: mesh body of each facet, shape (f,), int
+    num_nodes: int  #: number of nodes of the mesh, those of no facet included
+    #: number of the group of each facet, shape (f,), int; None: all of group 0
     group: np.ndarray | None = None
-    groups: tuple[str, ...] = ("surface",)
+    groups: tuple[str, ...] = ("surface",)  #: names of the groups
+    #: number of the bond that hides each facet, -1 for an outer one, shape (f,), int; None: all are
+    #: outer ones
     bond: np.ndarray | None = None
+    #: nodes that a bond joins, matched, shape (num_bonds, 2, m), int
     bond_nodes: np.ndarray = field(default_factory=lambda: np.empty((0, 2, 1), np.int32))
+    #: bodies that a bond joins, shape (num_bonds, 2), int
     bond_bodies: np.ndarray = field(default_factory=lambda: np.empty((0, 2), np.int32))
+    #: of the material behind each facet (m), shape (f,): contacts are not sought deeper than a
+    #: share of it. None: the facets' sizes alone bound the depth.
     thickness: np.ndarray | None = None
 
     def __post_init__(self) -> None:

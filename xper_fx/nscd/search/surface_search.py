@@ -56,7 +56,7 @@ class SurfaceSearch:
             rigid ones are left to `RigidSearch`); None: all.
         released: bonds that never held, shape (num_bonds,), bool; None: all hold.
         self_contact: whether a body may touch itself.
-        rigid: rigid bodies, or None.
+        rigid: rigid bodies, also as another search of these groups and pairs has them, or None.
         depth: share of a facet's size, and of the thickness behind it, that is sought.
         share: of the ranks that divide the search; None where one makes all of it.
         typical_size: of a facet (m), the same on all ranks; None: the median.
@@ -75,7 +75,7 @@ class SurfaceSearch:
         pairs: Sequence[tuple[str, str]] | None = None,
         released: np.ndarray | None = None,
         self_contact: bool = True,
-        rigid: RigidBodies | None = None,
+        rigid: RigidBodies | RigidSide | None = None,
         depth: float = 0.25,
         share: SearchShare | None = None,
         typical_size: float | None = None,
@@ -90,7 +90,8 @@ class SurfaceSearch:
         self.reach = float(reach)
         self._dim, self._hollows = surface.dim, hollows
         x = self.surface.checked(x)
-        self._rigid = RigidSide(rigid, surface, pairs)
+        made = isinstance(rigid, RigidSide)
+        self._rigid = rigid if made else RigidSide(rigid, surface, pairs)
         meets = may_meet(surface.groups, surface.groups, pairs)
         size = surface.size(x)
         self.depth = depth * np.minimum(size, surface.thickness)
@@ -151,10 +152,7 @@ class SurfaceSearch:
         self.lists.forget_edges()
 
     def find(
-        self,
-        x: np.ndarray,
-        position: np.ndarray | None = None,
-        rotation: np.ndarray | None = None,
+        self, x: np.ndarray, position: np.ndarray | None = None, rotation: np.ndarray | None = None
     ) -> Contacts:
         """The contacts whose gap is no larger than the reach.
 
@@ -339,18 +337,19 @@ def _keys(kind: int, a: np.ndarray, b: np.ndarray, slot: np.ndarray) -> np.ndarr
 
 
 def renamed(keys: np.ndarray, node: np.ndarray, facet: np.ndarray) -> np.ndarray:
-    """Keys of contacts between meshed sides with other numbers of nodes and facets.
+    """Keys of contacts with other numbers of nodes and facets.
 
     Args:
-        keys: shape (n, 2), of a search without rigid bodies.
+        keys: shape (n, 2).
         node: shape (num_nodes,), ascending; of each node.
-        facet: shape (num_facets,), ascending; of each facet. Fragments stay as they are.
+        facet: shape (num_facets,), ascending; of each facet. What is rigid and fragments stay as
+            they are.
     """
     mask = (1 << _BITS) - 1
     pair, out = keys[:, 0], keys.copy()
     kind, first, second = pair >> 2 * _BITS, pair >> _BITS & mask, pair & mask
     edges = kind == _EDGE_EDGE
-    nodes = ~edges
+    nodes = ~edges & (kind != _RIGID_FACET)
     first[nodes] = node[first[nodes]]
     for edge in (first, second):
         edge[edges] = 3 * facet[edge[edges] // 3] + edge[edges] % 3

@@ -90,13 +90,16 @@ def sweep_ranks(interactions: Interactions, sweep: Sweep, velocity: np.ndarray) 
         sweep: over them.
         velocity: shape (num_slots * dim,), that of the sweep.
     """
-    exchanges = () if interactions.halo is None else interactions.halo.phases
+    halo = interactions.halo
+    exchanges = () if halo is None else halo.phases
     phases = [g.phase for g in interactions.groups]
     for phase, exchange in enumerate(exchanges, start=1):
         exchange.forward(velocity)
         _sweep_phase(sweep, phases, phase)
         exchange.back(velocity)
     _sweep_phase(sweep, phases, 0)
+    if halo is not None and halo.copies > 1:
+        halo.settle(velocity)
 
 
 def _sweep_phase(sweep: Sweep, phases: list[int], phase: int) -> None:

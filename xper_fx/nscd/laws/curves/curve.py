@@ -50,3 +50,9 @@ class Curve(Protocol):
     @staticmethod
     def steepest(shape: tuple, stiffness: Values) -> Values:
         """Steepest descent of the traction (Pa/m), a positive number."""
+
+
+def check_curve(curve: Any) -> None:
+    """Raise a TypeError unless something is a curve of `curves/`, or like them."""
+    if isinstance(curve, type) or not hasattr(curve, "own_stiffness"):
+        raise TypeError(f"curve should be one of xper_fx.laws.curves, as Linear(), got {curve!r}.")

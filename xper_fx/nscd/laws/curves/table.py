@@ -17,15 +17,10 @@ from xper_fx.support.checks import require_numbers
 
 @dataclass(frozen=True)
 class Table:
-    """Tractions at openings.
+    """Tractions at openings."""
 
-    Attributes:
-        openings: rising (m).
-        tractions: of the same length (Pa).
-    """
-
-    openings: tuple[float, ...]
-    tractions: tuple[float, ...]
+    openings: tuple[float, ...]  #: rising (m)
+    tractions: tuple[float, ...]  #: of the same length (Pa)
 
     @classmethod
     def of(cls, *given: Any) -> Table:
