@@ -29,12 +29,15 @@ class Clusters(NamedTuple):
         offsets: shape (num_clusters + 1,), first entry of each in `nodes`.
         cluster: shape (num_slots,), cluster of each node.
         position: shape (num_slots,), place of each node within its cluster.
+        block_offsets: shape (num_clusters + 1,), first entry of each cluster's square matrix, where
+            the matrices of all stand one after the other.
     """
 
     nodes: np.ndarray
     offsets: np.ndarray
     cluster: np.ndarray
     position: np.ndarray
+    block_offsets: np.ndarray
 
 
 @njit(**LEAN_ENTRY)
@@ -99,7 +102,9 @@ def facing_clusters(interactions: Interactions) -> tuple[Clusters, np.ndarray]:
     position = np.empty(slots, np.int64)
     position[nodes] = np.arange(slots) - np.repeat(offsets[:-1], np.diff(offsets))
     opened = opened_clusters(interactions, cluster)
-    return Clusters(nodes, offsets, cluster, position), opened
+    entries = (np.diff(offsets) * interactions.dim) ** 2
+    blocks = np.concatenate([[0], np.cumsum(entries)])
+    return Clusters(nodes, offsets, cluster, position, blocks), opened
 
 
 def opened_clusters(interactions: Interactions, cluster: np.ndarray) -> np.ndarray:

@@ -307,7 +307,7 @@ def _spring_kernels(sides: Sides):
                         marked[cluster[c.start[i, s, j] // dim]] = True
 
     @_KERNEL
-    def turn_springs(c, i, clusters, block_offsets, marked, blocks, world):
+    def turn_springs(c, i, clusters, marked, blocks, world):
         # what turns: pairs of a side's rotation with itself and with its translation
         for s in range(2):
             node, turn = c.start[i, s, 0] // dim, c.rotation_dof[i, s] // dim
@@ -315,7 +315,7 @@ def _spring_kernels(sides: Sides):
             if turn == node or not marked[own]:
                 continue
             n = (clusters.offsets[own + 1] - clusters.offsets[own]) * dim
-            first = block_offsets[own]
+            first = clusters.block_offsets[own]
             at, beside = clusters.position[turn] * dim, clusters.position[node] * dim
             for x in range(turns):
                 f = force_of(world, turned_unit(c, i, s, x))
@@ -328,7 +328,7 @@ def _spring_kernels(sides: Sides):
                     blocks[first + (beside + y) * n + at + x] += transposed[x]
 
     @_KERNEL
-    def add_springs(c, frame, stiffness, points, clusters, block_offsets, marked, blocks, world):
+    def add_springs(c, frame, stiffness, points, clusters, marked, blocks, world):
         for i in points:
             hit = False
             for s in range(2):
@@ -355,14 +355,14 @@ def _spring_kernels(sides: Sides):
                     if a // k != b // k:
                         scale = -scale
                     first = (
-                        block_offsets[own]
+                        clusters.block_offsets[own]
                         + clusters.position[node] * dim * n + clusters.position[other] * dim
                     )  # fmt: skip
                     for x in range(dim):
                         for y in range(dim):
                             blocks[first + y * n + x] += scale * world[x, y]
             if lever_arms:
-                turn_springs(c, i, clusters, block_offsets, marked, blocks, world)
+                turn_springs(c, i, clusters, marked, blocks, world)
 
     return pull, answer, mark, add_springs
 
@@ -470,9 +470,7 @@ def _body_product(size: int):
 
 
 @_KERNEL
-def _add_bodies(
-    data, data_offsets, sizes, starts, bodies, clusters, block_offsets, marked, blocks, dim
-):
+def _add_bodies(data, data_offsets, sizes, starts, bodies, clusters, marked, blocks, dim):
     """The entries of w^-1 between nodes of one marked cluster."""
     for b in bodies:
         n, node0 = sizes[b], starts[b] // dim
@@ -482,7 +480,7 @@ def _add_bodies(
             if not marked[own]:
                 continue
             m = (clusters.offsets[own + 1] - clusters.offsets[own]) * dim
-            line = block_offsets[own] + clusters.position[node0 + k] * dim * m
+            line = clusters.block_offsets[own] + clusters.position[node0 + k] * dim * m
             for other in range(count):
                 if clusters.cluster[node0 + other] == own:
                     into = line + clusters.position[node0 + other] * dim
@@ -493,19 +491,19 @@ def _add_bodies(
 
 
 @_KERNEL
-def _invert_clusters(first, last, clusters, block_offsets, marked, blocks, fixed, dim, swaps, row):
-    for a in range(first, last):
+def _invert_clusters(portion, clusters, marked, blocks, fixed, dim, swaps, row):
+    for a in range(portion[0], portion[1]):
         if not marked[a]:
             continue
-        start = clusters.offsets[a]
+        start, block = clusters.offsets[a], clusters.block_offsets[a]
         n = (clusters.offsets[a + 1] - start) * dim
         for i in range(n):
             if fixed[clusters.nodes[start + i // dim] * dim + i % dim]:
                 for j in range(n):
-                    blocks[block_offsets[a] + i * n + j] = 0.0
-                    blocks[block_offsets[a] + j * n + i] = 0.0
-                blocks[block_offsets[a] + i * n + i] = 1.0
-        if not _invert(blocks, block_offsets[a], n, swaps, row):
+                    blocks[block + i * n + j] = 0.0
+                    blocks[block + j * n + i] = 0.0
+                blocks[block + i * n + i] = 1.0
+        if not _invert(blocks, block, n, swaps, row):
             return False
     return True
 
@@ -559,10 +557,10 @@ def _cluster_sweep(dim: int):
     """
 
     @_KERNEL
-    def sweep(clusters, couplings, block_offsets, blocks, r, z, y, room):
+    def sweep(clusters, couplings, blocks, r, z, y, room):
         offsets, before, pairs = couplings.offsets, couplings.before, couplings.blocks
         left, found = room[0], room[1]
-        for a in range(len(block_offsets) - 1):
+        for a in range(len(clusters.offsets) - 1):
             first, last = clusters.offsets[a], clusters.offsets[a + 1]
             n = np.uintp((last - first) * dim)
             for k in range(last - first):
@@ -575,7 +573,7 @@ def _cluster_sweep(dim: int):
                         for j in range(dim):
                             total -= pairs[e, x, j] * z[other + np.uintp(j)]
                     left[np.uintp(k * dim + x)] = total
-            line = np.uintp(block_offsets[a])
+            line = np.uintp(clusters.block_offsets[a])
             for i in range(n):
                 found[i] = 0.0
             for j in range(n):
@@ -596,10 +594,10 @@ def _cluster_sweep(dim: int):
 
 
 @_KERNEL
-def _clear(first, last, marked, block_offsets, blocks):
-    for a in range(first, last):
+def _clear(portion, clusters, marked, blocks):
+    for a in range(portion[0], portion[1]):
         if marked[a]:
-            for i in range(block_offsets[a], block_offsets[a + 1]):
+            for i in range(clusters.block_offsets[a], clusters.block_offsets[a + 1]):
                 blocks[i] = 0.0
 
 
@@ -725,49 +723,34 @@ class PointTangents:
 
 
 class _Portion(NamedTuple):
-    """Consecutive clusters whose blocks stay in the cache while they are made.
+    """Consecutive clusters whose blocks stay in the cache while they are made."""
 
-    Attributes:
-        first, last: the clusters.
-        bodies: which have nodes in them.
-        points: of each group, which act on them.
-    """
-
-    first: int
-    last: int
-    bodies: np.ndarray
-    points: list[np.ndarray]
+    clusters: tuple[int, int]  #: the first, and one after the last
+    bodies: np.ndarray  #: which have nodes in them
+    points: list[np.ndarray]  #: of each group, which act on them
 
 
-def _portions(
-    interactions: Interactions, cluster: np.ndarray, block_offsets: np.ndarray
-) -> list[_Portion]:
-    """The clusters, in portions of some `_IN_CACHE` entries of their blocks.
-
-    Args:
-        interactions: the points.
-        cluster: shape (num_slots,), cluster of each node.
-        block_offsets: shape (num_clusters + 1,), first entry of each cluster's block.
-    """
-    portion = np.unique(block_offsets[:-1] // _IN_CACHE, return_inverse=True)[1]
+def _portions(interactions: Interactions, clusters: Clusters) -> list[_Portion]:
+    """The clusters of a scene, in portions of some `_IN_CACHE` entries of their blocks."""
+    portion = np.unique(clusters.block_offsets[:-1] // _IN_CACHE, return_inverse=True)[1]
     ends = np.concatenate([[0], np.cumsum(np.bincount(portion))]).tolist()
-    num_portions, of_node = len(ends) - 1, portion[cluster]
+    of_node = portion[clusters.cluster]
 
     def by_portion(which: np.ndarray, portions: np.ndarray) -> list[np.ndarray]:
-        pairs = np.unique(portions * (which.max(initial=0) + 1) + which)
-        owner, which = np.divmod(pairs, which.max(initial=0) + 1)
-        return np.split(which, np.searchsorted(owner, np.arange(1, num_portions)))
+        count = which.max(initial=0) + 1
+        owner, which = np.divmod(np.unique(portions * count + which), count)
+        return np.split(which, np.searchsorted(owner, np.arange(1, len(ends) - 1)))
 
     nodes = np.diff(interactions.inverse.node_offsets)
     bodies = by_portion(np.repeat(np.arange(len(nodes)), nodes), of_node)
     points = []
     for g in interactions.groups:
-        touched = of_node[g.points.nodes.reshape(len(g), -1)]
-        numbers = np.repeat(np.arange(len(g)), touched.shape[1])
-        points.append(by_portion(numbers, touched.reshape(-1)))
+        touched = of_node[g.points.nodes]
+        numbers = np.broadcast_to(np.arange(len(g))[:, None, None], touched.shape)
+        points.append(by_portion(numbers, touched))
     return [
-        _Portion(first, last, bodies[a], [those[a] for those in points])
-        for a, (first, last) in enumerate(pairwise(ends))
+        _Portion(pair, bodies[a], [those[a] for those in points])
+        for a, pair in enumerate(pairwise(ends))
     ]
 
 
@@ -798,11 +781,8 @@ class LinearisedProblem:
         self._openings: list = []  # H^T of each group
         self._clusters, self._opened = facing_clusters(interactions)
         self._within = springs_within(interactions, self._clusters.cluster)
-        self._block_offsets = np.concatenate(
-            [[0], np.cumsum((np.diff(self._clusters.offsets) * dim) ** 2)]
-        )
-        self._blocks = np.empty(self._block_offsets[-1])
-        self._portions = _portions(interactions, self._clusters.cluster, self._block_offsets)
+        self._blocks = np.empty(self._clusters.block_offsets[-1])
+        self._portions = _portions(interactions, self._clusters)
         self._swaps = np.empty(np.diff(self._clusters.offsets).max() * dim, np.uintp)
         self._beside = np.empty((2, len(self._swaps)))
         self._couplings = _Couplings.of(self._clusters, self._sizes, dim)
@@ -899,28 +879,29 @@ class LinearisedProblem:
         """Invert the blocks of marked clusters."""
         interactions, clusters, dim = self._interactions, self._clusters, self._interactions.dim
         groups = list(zip(interactions.groups, self.tangents.groups, strict=True))
-        blocks, offsets = self._blocks, self._block_offsets
-        here, world = np.zeros_like(marked), np.empty((dim, dim))
+        blocks, world = self._blocks, np.empty((dim, dim))
+        here = np.zeros_like(marked)
         self.solvable = True
-        for first, last, bodies, points in self._portions:
-            if not marked[first:last].any():
+        for portion, bodies, points in self._portions:
+            own_clusters = slice(*portion)
+            if not marked[own_clusters].any():
                 continue
-            here[first:last] = marked[first:last]
-            _clear(first, last, here, offsets, blocks)
+            here[own_clusters] = marked[own_clusters]
+            _clear(portion, clusters, here, blocks)
             _add_bodies(
                 self._matrix, interactions.inverse.data_offsets, self._sizes, self._starts, bodies,
-                clusters, offsets, here, blocks, dim,
+                clusters, here, blocks, dim,
             )  # fmt: skip
             for (g, own), those in zip(groups, points, strict=True):
                 self._springs(g)[3](
-                    g.couplings, own.frame, own.stiffness, those, clusters, offsets, here, blocks,
-                    world,
-                )  # fmt: skip
-            self.solvable = self.solvable and _invert_clusters(
-                first, last, clusters, offsets, here, blocks, self._fixed, dim, self._swaps,
-                self._beside[0],
-            )  # fmt: skip
-            here[first:last] = False
+                    g.couplings, own.frame, own.stiffness, those, clusters, here, blocks, world
+                )
+            if not _invert_clusters(
+                portion, clusters, here, blocks, self._fixed, dim, self._swaps, self._beside[0]
+            ):
+                self.solvable = False
+                break
+            here[own_clusters] = False
         self._fresh = not self.solvable
 
     def _factor(self) -> None:
@@ -1022,8 +1003,7 @@ class LinearisedProblem:
             z[:] = self._factors.solve(r)
             return False
         _cluster_sweep(self._interactions.dim)(
-            self._clusters, self._couplings, self._block_offsets, self._blocks, r, z, y,
-            self._beside,
+            self._clusters, self._couplings, self._blocks, r, z, y, self._beside
         )  # fmt: skip
         return self._within
 
