@@ -84,7 +84,6 @@ def add_combination(rows, count, factors, x):
 
 
 def gmres(
-    apply: Callable[[np.ndarray, np.ndarray], None],
     precondition: Callable[[np.ndarray, np.ndarray, np.ndarray], None],
     residual: np.ndarray,
     solution: np.ndarray,
@@ -95,9 +94,8 @@ def gmres(
     """Reduce a residual, b - A x.
 
     Args:
-        apply: `apply(x, y)` sets y = A x.
         precondition: `precondition(r, z, y)` sets z = B r, and y = A z, which may be had for less
-            along with z than by `apply`.
+            along with z than alone.
         residual: shape (n,), b - A x on entry and on return.
         solution: shape (n,), x, improved in place.
         bound: norm of the residual to reach.
@@ -152,8 +150,7 @@ def gmres(
         add_combination(basis, count, factors, part)
         precondition(part, z, basis[0])
         solution += z
-        apply(z, part)
-        residual -= part
+        residual -= basis[0]
         size = norm(residual)
         if not size < start:
             break

@@ -969,9 +969,7 @@ class LinearisedProblem:
         self._precondition(left, correction, part)
         step += correction
         left -= part
-        iterations, _ = gmres(
-            self._apply, self._precondition, left, step, bound, max_iterations, self._room
-        )
+        iterations, _ = gmres(self._precondition, left, step, bound, max_iterations, self._room)
         return iterations
 
     def _source(self, total: np.ndarray) -> None:
