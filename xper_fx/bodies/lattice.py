@@ -34,7 +34,6 @@ def checked_lattice(lattice: npt.ArrayLike, dim: int) -> npt.NDArray[np.float64]
 
     Args:
         lattice: shape (dim, dim), rows are period vectors, or (dim,), edges of a box, m.
-        dim: dimension of space.
 
     Raises:
         ValueError: another shape, not finite, or vectors that span no volume.

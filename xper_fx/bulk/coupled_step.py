@@ -48,17 +48,11 @@ _LEAST, _SMALLEST = 1e-16, 1e-20
 
 
 class Correction(NamedTuple):
-    """Changes that an iteration proposes.
+    """Changes that an iteration proposes."""
 
-    Attributes:
-        velocity: of all unknowns, shape (num_dofs,), m/s.
-        time: of the load (s).
-        impulses: of each group, shape (n, components), N s.
-    """
-
-    velocity: np.ndarray
-    time: float
-    impulses: list[np.ndarray]
+    velocity: np.ndarray  #: of all unknowns, shape (num_dofs,), m/s
+    time: float  #: of the load (s)
+    impulses: list[np.ndarray]  #: of each group, shape (n, components), N s
 
 
 class CoupledStep:

@@ -61,7 +61,6 @@ class MonolithicScheme:
     """Theta scheme of the bulk together with the interactions.
 
     Args:
-        bulk: the bulk.
         interacting: nodes at which interactions act.
         theta: weight of the end of the step, in [1/2, 1].
         newton_tolerance: bound on what is left, relative to the largest nodal impulse.

@@ -79,20 +79,13 @@ def _branch_kernel(law: LawKernels):
 
 
 class _KinksOfGroup(NamedTuple):
-    """Where springs of a group are others for lips that open than for lips that close.
+    """Where springs of a group are others for lips that open than for lips that close."""
 
-    Attributes:
-        group: its number.
-        which: points, shape (m,); one that softens in shear may be about to part as well.
-        direction: n, shape (m, components).
-        falls: a, shape (m, components), N s per m/s.
-        length: by how much the lips may open in the step, shape (m,), m; infinite of closed ones.
-    """
-
-    group: int
-    which: np.ndarray
-    direction: np.ndarray
-    falls: np.ndarray
+    group: int  #: its number
+    which: np.ndarray  #: points, shape (m,); one that softens in shear may be about to part as well
+    direction: np.ndarray  #: n, shape (m, components)
+    falls: np.ndarray  #: a, shape (m, components), N s per m/s
+    #: by how much the lips may open in the step, shape (m,), m; infinite of closed ones
     length: np.ndarray
 
 

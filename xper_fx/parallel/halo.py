@@ -30,7 +30,6 @@ class Exchange:
     """Moves entries of velocity arrays between slots and their ghosts.
 
     Args:
-        ranks: the ranks.
         given: own slots that other ranks have as ghosts, by rank, in the order of their ghosts.
         ghosts: ghost slots by the rank that they follow.
         dim: dofs a slot.
@@ -109,7 +108,6 @@ class Halo:
     """What a rank's interactions have to do with other ranks.
 
     Args:
-        ranks: the ranks.
         inverse: blocks of w on this rank's slots.
         given: own slots that other ranks want as ghosts, by rank.
         meetings: shape (num_ranks, num_ranks), the phase in which two ranks meet, 0 if never.

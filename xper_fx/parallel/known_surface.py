@@ -21,36 +21,22 @@ MOST = 1 << 30
 
 
 class Tables(NamedTuple):
-    """Facets, nodes and bodies; each is named by its number.
+    """Facets, nodes and bodies; each is named by its number."""
 
-    Attributes:
-        facet: shape (f,), ascending.
-        corners: shape (f, dim), nodes.
-        body: shape (f,).
-        group: shape (f,), int32.
-        thickness: shape (f,), m.
-        exposed, ajar: shape (f,), bool.
-        node: shape (n,), ascending.
-        start: shape (n, dim), where nodes were at the start (m).
-        weld: shape (n,), smallest node of each node's weld.
-        which: shape (b,), bodies, ascending.
-        fragment: shape (b,), smallest body of each body's fragment.
-        rank: shape (b,).
-    """
-
-    facet: np.ndarray
-    corners: np.ndarray
-    body: np.ndarray
-    group: np.ndarray
-    thickness: np.ndarray
+    facet: np.ndarray  #: shape (f,), ascending
+    corners: np.ndarray  #: shape (f, dim), nodes
+    body: np.ndarray  #: shape (f,)
+    group: np.ndarray  #: shape (f,), int32
+    thickness: np.ndarray  #: shape (f,), m
+    #: exposed, ajar: shape (f,), bool
     exposed: np.ndarray
     ajar: np.ndarray
-    node: np.ndarray
-    start: np.ndarray
-    weld: np.ndarray
-    which: np.ndarray
-    fragment: np.ndarray
-    rank: np.ndarray
+    node: np.ndarray  #: shape (n,), ascending
+    start: np.ndarray  #: shape (n, dim), where nodes were at the start (m)
+    weld: np.ndarray  #: shape (n,), smallest node of each node's weld
+    which: np.ndarray  #: shape (b,), bodies, ascending
+    fragment: np.ndarray  #: shape (b,), smallest body of each body's fragment
+    rank: np.ndarray  #: shape (b,)
 
     def of(self, bodies: np.ndarray) -> Tables:
         """What belongs to some of the bodies, given by their numbers."""
@@ -75,22 +61,15 @@ def joined(parts: Sequence[Tables]) -> Tables:
 
 
 class OwnSurface(NamedTuple):
-    """The surface of a rank's own bodies, and all bonds that the rank knows.
+    """The surface of a rank's own bodies, and all bonds that the rank knows."""
 
-    Attributes:
-        surface: facets of own bodies; bond i is facing facet i of the bodies known here.
-        facet, node: numbers of facets, and of nodes, which are numbered in their order.
-        start: shape (num_nodes, dim), m.
-        dof: shape (num_nodes,), of the space on all bodies that are known here.
-        body_of_node: shape (num_nodes,), among the known bodies.
-    """
-
-    surface: Surface
+    surface: Surface  #: facets of own bodies; bond i is facing facet i of the bodies known here
+    #: facet, node: numbers of facets, and of nodes, which are numbered in their order
     facet: np.ndarray
     node: np.ndarray
-    start: np.ndarray
-    dof: np.ndarray
-    body_of_node: np.ndarray
+    start: np.ndarray  #: shape (num_nodes, dim), m
+    dof: np.ndarray  #: shape (num_nodes,), of the space on all bodies that are known here
+    body_of_node: np.ndarray  #: shape (num_nodes,), among the known bodies
 
 
 def own_surface(bodies: Bodies, V, groups, rank: int) -> OwnSurface:

@@ -28,21 +28,14 @@ class LocalBodies:
     """What a rank has of bodies that several ranks divide.
 
     "All" bodies are those of the scene, of a mesh that is spread those that this rank knows.
-
-    Attributes:
-        rank_of_body: shape (num_bodies of all,), int32.
-        bodies: this rank's; its `facets` and `ties` are those with both sides here.
-        body_numbers: shape (num_bodies,), which of all bodies they are.
-        cells: shape (num_cells,), cells of the exploded mesh of all.
-        nodes: shape (num_geometry_nodes,), geometry nodes of the exploded mesh of all.
-        cell_of: shape (num_cells of all,), this rank's number of each cell, -1 if it is elsewhere.
     """
 
-    rank_of_body: np.ndarray
-    bodies: Bodies
-    body_numbers: np.ndarray
-    cells: np.ndarray
-    nodes: np.ndarray
+    rank_of_body: np.ndarray  #: shape (num_bodies of all,), int32
+    bodies: Bodies  #: this rank's; its `facets` and `ties` are those with both sides here
+    body_numbers: np.ndarray  #: shape (num_bodies,), which of all bodies they are
+    cells: np.ndarray  #: shape (num_cells,), cells of the exploded mesh of all
+    nodes: np.ndarray  #: shape (num_geometry_nodes,), geometry nodes of the exploded mesh of all
+    #: shape (num_cells of all,), this rank's number of each cell, -1 if it is elsewhere
     cell_of: np.ndarray
 
 
@@ -54,7 +47,6 @@ def divide(
     Args:
         bodies: all bodies, the same on every rank; or those of a mesh that is spread, which stay
             where they are.
-        ranks: the ranks.
         group_of_body: shape (num_bodies,), whole numbers from zero on; bodies of one group come to
             one rank. None if each is free.
         touching: whether bodies that are near each other may come into contact, and should be on

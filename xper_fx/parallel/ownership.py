@@ -39,7 +39,6 @@ def owners_by_vertex(
     It is the rank of the first of the bodies that meet at the node.
 
     Args:
-        facets: facing facets.
         vertices: shape (num_facets, k), vertices of the facets in the mesh that was cut.
         cell: basix cell type.
         num_nodes: nodes of a facet, vertices first, as `Bodies.facing_nodes` orders them.

@@ -38,7 +38,6 @@ class RigidHalo:
     It has what `Halo` has where contacts ask for it, in scenes of rigid bodies alone.
 
     Args:
-        ranks: the ranks.
         rank_of_body: shape (num_bodies,).
         moves: shape (num_bodies,), bool: which bodies contacts can move; others are everywhere.
         pairs: shape (n, 2), bodies that may come into contact, the same on all ranks.

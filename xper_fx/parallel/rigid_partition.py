@@ -50,9 +50,7 @@ class RigidDivision:
     """Divides rigid bodies among ranks.
 
     Args:
-        ranks: the ranks.
         moves: shape (num_bodies,), bool: which bodies contacts can move.
-        dim: dimension of space.
         groups: shape (num_bodies,), whole numbers: bodies that move and have the same one are on
             one rank.
         common: as of `RigidHalo`.

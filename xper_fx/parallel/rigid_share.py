@@ -26,7 +26,6 @@ class RigidShare:
     """A rank's share of the rigid bodies.
 
     Args:
-        ranks: the ranks.
         rank_of_body: shape (num_rigid,), int.
         moves: shape (num_rigid,), bool: which of them contacts can move.
         dim: 2 or 3.
@@ -76,10 +75,8 @@ def share_rigid(
     Those that move and are of one group are where the first of them is.
 
     Args:
-        rigid: the rigid bodies.
         meshed: the meshed ones.
         rank_of_meshed: shape (num_meshed,).
-        ranks: the ranks.
         groups: shape (num_rigid,), whole numbers.
     """
     dim, moves = rigid.dim, ~rigid.is_prescribed.all(axis=1)

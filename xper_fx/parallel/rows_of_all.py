@@ -13,7 +13,6 @@ class RowsOfAll:
     """Puts together what ranks have; arrays are flat, over all rows, and what follows them.
 
     Args:
-        ranks: the ranks.
         rank_of_row: shape (num_rows,), the owner of each.
         dofs: entries of a row.
     """

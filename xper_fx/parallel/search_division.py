@@ -22,7 +22,6 @@ class SearchDivision:
     """A rank's share of a search; see `SearchShare`.
 
     Args:
-        ranks: the ranks.
         rank_of_body: shape (num_bodies,), int.
         body_of_node: shape (num_nodes,), body of each node of the surfaces.
         dim: 2 or 3.

@@ -23,32 +23,21 @@ from xper_fx.support.ranks import Ranks
 
 
 class SharedPoints(NamedTuple):
-    """This rank's points on facing facets.
+    """This rank's points on facing facets."""
 
-    Attributes:
-        points: on this rank's nodes, then on ghosts, numbered rank by rank.
-        law_of_point: shape (num_points,).
-        numbers: shape (num_points,), facet after facet of all that have a law, on all ranks.
-        facet_numbers: shape (num_facets with a law that are known here,), those of these facets.
-        num_points_of_all: points on all ranks.
-        phase: shape (num_points,), as `Halo.phase`.
-        meetings: shape (num_ranks, num_ranks), as of `Halo`.
-        asked: by rank, nodes of this rank that are ghosts there.
-        num_ghosts: by rank, how many of its nodes are ghosts here.
-        points_a_facet: points on each facet.
-        at_points: as of `Halo`, where vertices are solved alone and points have lips.
-    """
-
-    points: InteractionPoints
-    law_of_point: np.ndarray
+    points: InteractionPoints  #: on this rank's nodes, then on ghosts, numbered rank by rank
+    law_of_point: np.ndarray  #: shape (num_points,)
+    #: shape (num_points,), facet after facet of all that have a law, on all ranks
     numbers: np.ndarray
+    #: shape (num_facets with a law that are known here,), those of these facets
     facet_numbers: np.ndarray
-    num_points_of_all: int
-    phase: np.ndarray
-    meetings: np.ndarray
-    asked: dict[int, np.ndarray]
-    num_ghosts: dict[int, int]
-    points_a_facet: int
+    num_points_of_all: int  #: points on all ranks
+    phase: np.ndarray  #: shape (num_points,), as `Halo.phase`
+    meetings: np.ndarray  #: shape (num_ranks, num_ranks), as of `Halo`
+    asked: dict[int, np.ndarray]  #: by rank, nodes of this rank that are ghosts there
+    num_ghosts: dict[int, int]  #: by rank, how many of its nodes are ghosts here
+    points_a_facet: int  #: points on each facet
+    #: as of `Halo`, where vertices are solved alone and points have lips
     at_points: tuple[dict[int, np.ndarray], dict[int, np.ndarray]] | None
 
 
@@ -69,7 +58,6 @@ def shared_points(
     Args:
         bodies: all bodies, or those that this rank knows.
         part: this rank's.
-        ranks: the ranks.
         V: Lagrange space on this rank's mesh.
         node_of: unknown's node of each node of V.
         num_nodes: nodes among this rank's unknowns, those that belong to no body included; ghosts

@@ -20,7 +20,6 @@ def share_wall(
 
     Args:
         shared: this rank's points on facing facets.
-        ranks: the ranks.
         num_nodes: nodes among this rank's unknowns; ghosts are numbered after them.
         by_vertex: whether all points that meet at a vertex shall be on one rank.
         wall: arrays over this rank's points. The first has numbers, no two of them the same on any

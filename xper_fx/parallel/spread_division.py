@@ -28,7 +28,6 @@ class SpreadDivision:
     """A rank's share of the contacts; all ranks call its methods together.
 
     Args:
-        ranks: the ranks.
         rigid: this rank's share of rigid bodies, None without any.
 
     Attributes:
@@ -85,7 +84,6 @@ class SpreadDivision:
         """Take the ghosts that contacts between some bodies need.
 
         Args:
-            interactions: the layer.
             pairs: shape (n, 2), bodies of `known` that may touch, rigid ones after them.
             known: what this rank knows now.
         """

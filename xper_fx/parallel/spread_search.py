@@ -49,7 +49,6 @@ class KnownBodies:
         """Take the tables of all bodies that are known; all ranks call it together.
 
         Args:
-            ranks: the ranks.
             tables: of own bodies and of those of others.
             given: by rank, own nodes that it knows, by their numbers, ascending.
             own_rigid: see `SearchShare`.
@@ -87,7 +86,6 @@ class SpreadSearch:
     """A rank's search; ranks call its methods together unless they say otherwise.
 
     Args:
-        ranks: the ranks.
         bodies: those known here of a mesh that is spread.
         own: the surface of this rank's.
         reach: largest gap of a contact (m).

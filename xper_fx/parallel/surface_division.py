@@ -61,7 +61,6 @@ def hand_over(
     """Send contacts to the ranks that have them; all ranks call it together.
 
     Args:
-        ranks: the ranks.
         contacts: those that this rank has found in a step.
         owner: shape (n,), rank of each.
         moved: told to all.
@@ -85,7 +84,6 @@ def with_ghosts_of_pairs(
     """Let a layer take a halo with the ghosts that contacts need; all ranks call it together.
 
     Args:
-        interactions: the layer.
         first: its halo for its permanent points alone.
         given: own slots that other ranks want besides, by rank.
         meetings: as of `Halo`.
@@ -104,7 +102,6 @@ class SurfaceDivision:
     """What a rank has of the surfaces of all bodies.
 
     Args:
-        ranks: the ranks.
         rank_of_body: shape (num_bodies,), int.
         body_of_node: shape (num_nodes,), body of each node of the surfaces.
         touchable: shape (num_nodes,), bool: at which of them contacts may come about.
@@ -195,7 +192,6 @@ class SurfaceDivision:
         """Take the ghosts that contacts between some bodies need; all ranks call it together.
 
         Args:
-            interactions: the layer.
             pairs: shape (n, 2), bodies that may touch, in the lists of this rank, numbered as in
                 `hand_over`.
         """

@@ -38,19 +38,14 @@ _REST = 1e-10
 
 
 class Macroscopic(NamedTuple):
-    """The macroscopic side of a periodic cell at a committed time.
+    """The macroscopic side of a periodic cell at a committed time."""
 
-    Attributes:
-        gradient: Fbar, shape (dim, dim).
-        stress: Pibar, first Piola-Kirchhoff, shape (dim, dim), Pa.
-        hill_mandel: error of the lemma over the last step (module docstring), relative to the
-            work of the stresses inside, or to what the largest stress of the run would have done
-            if that is more; for components driven by Pibar it holds the stress that
-            was asked for, so that it shows what any of the solvers left undone.
-    """
-
-    gradient: np.ndarray
-    stress: np.ndarray
+    gradient: np.ndarray  #: Fbar, shape (dim, dim)
+    stress: np.ndarray  #: Pibar, first Piola-Kirchhoff, shape (dim, dim), Pa
+    #: error of the lemma over the last step (module docstring), relative to the work of the
+    #: stresses inside, or to what the largest stress of the run would have done if that is more;
+    #: for components driven by Pibar it holds the stress that was asked for, so that it shows what
+    #: any of the solvers left undone
     hill_mandel: float
 
 
@@ -65,7 +60,6 @@ def macroscopic_state(
     """The macroscopic state, and how well the step that led to it satisfies the lemma.
 
     Args:
-        bulk: the cell.
         before, outcome: start of the step and the step; None at the start of the run.
         state: the state to describe.
         step: h (s).

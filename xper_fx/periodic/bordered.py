@@ -46,7 +46,6 @@ class BorderedInverse:
 
     Args:
         bodies: inverse on the bodies, factorised.
-        unknowns: of the cell.
         free: components of G that stresses determine, among the dim^2, shape (m,).
         stiffness: K on the nodes of V.
         step, theta: of the iteration matrix.

@@ -115,7 +115,6 @@ class MacroscopicDrive:
         """Mean rates of the driven components over a step that ends at `time`.
 
         Args:
-            dim: dimension of space.
             gradient: Fbar - I at the start of the step, column by column, shape (dim^2,).
             time: end of the step (s).
             step: h (s).

@@ -55,18 +55,13 @@ from xper_fx.periodic.drive import MacroscopicDrive
 
 
 class GrainStress(NamedTuple):
-    """The macroscopic side of a periodic cell of rigid bodies at a committed time.
+    """The macroscopic side of a periodic cell of rigid bodies at a committed time."""
 
-    Attributes:
-        gradient: Fbar, shape (dim, dim).
-        stress: Pibar, the mean first Piola-Kirchhoff stress of the contacts and of the fluctuation
-            over the last step, shape (dim, dim), Pa, tension positive.
-        rate: dFbar/dt at the end of the step, shape (dim, dim), 1/s.
-    """
-
-    gradient: np.ndarray
+    gradient: np.ndarray  #: Fbar, shape (dim, dim)
+    #: Pibar, the mean first Piola-Kirchhoff stress of the contacts and of the fluctuation over the
+    #: last step, shape (dim, dim), Pa, tension positive
     stress: np.ndarray
-    rate: np.ndarray
+    rate: np.ndarray  #: dFbar/dt at the end of the step, shape (dim, dim), 1/s
 
     @property
     def cauchy(self) -> np.ndarray:

@@ -29,18 +29,14 @@ _ON_RANKS = ("auto", "nlgs", "newton", "accelerated", "monolithic")
 
 
 class Decomposition(NamedTuple):
-    """What of a scene is this rank's.
+    """What of a scene is this rank's."""
 
-    Attributes:
-        ranks: those that divide the bodies or their contacts; this one alone where none do.
-        part: what this rank has of the bodies, None if it has all.
-        contacts: division of the contacts of rigid bodies, None if this rank has all.
-        rigid: what of the rigid bodies beside meshed ones is this rank's, None if all or none are.
-    """
-
+    #: those that divide the bodies or their contacts; this one alone where none do
     ranks: Ranks = ALONE
-    part: LocalBodies | None = None
+    part: LocalBodies | None = None  #: what this rank has of the bodies, None if it has all
+    #: division of the contacts of rigid bodies, None if this rank has all
     contacts: RigidDivision | None = None
+    #: what of the rigid bodies beside meshed ones is this rank's, None if all or none are
     rigid: RigidShare | None = None
 
 
@@ -48,7 +44,6 @@ def decomposed(scene: Scene, options: Options, team: Ranks, stopwatch: Stopwatch
     """Divide a scene among ranks where that can be done; all ranks call it together.
 
     Args:
-        scene: the scene.
         options: of the run.
         team: ranks that have the scene.
         stopwatch: of the run.
@@ -89,7 +84,6 @@ def _rigid_groups(scene: Scene, moves: np.ndarray, touch: bool) -> np.ndarray:
     """Rigid bodies that have to be on one rank have one number, shape (num_rigid,).
 
     Args:
-        scene: the scene.
         moves: which of them can move, shape (num_rigid,).
         touch: whether they may touch each other, and are all to be on one.
     """

@@ -134,7 +134,6 @@ class PathStep:
         """Whether bonds do no more than they may in a step to a load.
 
         Args:
-            outcome: of the step.
             size: of the step (s).
             back: whether it may lead back along the path, as where nothing is left to go on.
         """

@@ -22,21 +22,14 @@ _LARGEST = 48
 
 
 class Clusters(NamedTuple):
-    """A partition of the node slots.
+    """A partition of the node slots."""
 
-    Attributes:
-        nodes: shape (num_slots,), the nodes of each cluster one after the other.
-        offsets: shape (num_clusters + 1,), first entry of each in `nodes`.
-        cluster: shape (num_slots,), cluster of each node.
-        position: shape (num_slots,), place of each node within its cluster.
-        block_offsets: shape (num_clusters + 1,), first entry of each cluster's square matrix, where
-            the matrices of all stand one after the other.
-    """
-
-    nodes: np.ndarray
-    offsets: np.ndarray
-    cluster: np.ndarray
-    position: np.ndarray
+    nodes: np.ndarray  #: shape (num_slots,), the nodes of each cluster one after the other
+    offsets: np.ndarray  #: shape (num_clusters + 1,), first entry of each in `nodes`
+    cluster: np.ndarray  #: shape (num_slots,), cluster of each node
+    position: np.ndarray  #: shape (num_slots,), place of each node within its cluster
+    #: shape (num_clusters + 1,), first entry of each cluster's square matrix, where the matrices of
+    #: all stand one after the other
     block_offsets: np.ndarray
 
 
@@ -74,9 +67,6 @@ def _mark_opened(nodes, weights, cluster, opened):
 def facing_clusters(interactions: Interactions) -> tuple[Clusters, np.ndarray]:
     """The clusters of a scene's nodes.
 
-    Args:
-        interactions: the points.
-
     Returns:
         The clusters, and for each whether a translation of its nodes opens a point (shape
         (num_clusters,)): it touches the ground, or was too large and has been cut.
@@ -111,7 +101,6 @@ def opened_clusters(interactions: Interactions, cluster: np.ndarray) -> np.ndarr
     """Whether a translation of a cluster's nodes opens a point, shape (num_clusters,).
 
     Args:
-        interactions: the points.
         cluster: shape (num_slots,), cluster of each node.
     """
     opened = np.zeros(cluster.max(initial=-1) + 1, np.bool_)
@@ -124,7 +113,6 @@ def springs_within(interactions: Interactions, cluster: np.ndarray) -> bool:
     """Whether each point acts on nodes of one cluster alone, beside the ground.
 
     Args:
-        interactions: the points.
         cluster: shape (num_slots,), cluster of each node.
     """
     ground = interactions.inverse.num_nodes

@@ -159,7 +159,6 @@ class ConePoints:
     Args:
         groups: by their numbers.
         points: constants of their laws.
-        dim: of space.
         ranks: that have the points.
 
     Attributes:

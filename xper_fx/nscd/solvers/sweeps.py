@@ -37,22 +37,14 @@ RUNAWAY = 1e6
 
 
 class Sweep(NamedTuple):
-    """A sweep over points: calls that visit the marked tiles, and what is known of all tiles.
+    """A sweep over points: calls that visit the marked tiles, and what is known of all tiles."""
 
-    Attributes:
-        calls: one a group of points, for `make_call`.
-        tile_bodies: the bodies that each tile touches, group after group.
-        marked: shape (num_tiles,), whether a sweep visits the tile.
-        stats: shape (num_tiles, 3), of a tile's last visit: sum |dr|^2, sum |r|^2,
-            max |dr|^2 / area^2.
-        arguments: of the calls, whose arrays are held here.
-    """
-
-    calls: np.ndarray | list
-    tile_bodies: TileBodies
-    marked: np.ndarray
+    calls: np.ndarray | list  #: one a group of points, for `make_call`
+    tile_bodies: TileBodies  #: the bodies that each tile touches, group after group
+    marked: np.ndarray  #: shape (num_tiles,), whether a sweep visits the tile
+    #: shape (num_tiles, 3), of a tile's last visit: sum |dr|^2, sum |r|^2, max |dr|^2 / area^2
     stats: np.ndarray
-    arguments: list[tuple]
+    arguments: list[tuple]  #: of the calls, whose arrays are held here
 
     def largest_change(self) -> float:
         """Largest (|dr| / area)^2 of the last visits, in (N s/m^2)^2."""
@@ -86,7 +78,6 @@ def sweep_ranks(interactions: Interactions, sweep: Sweep, velocity: np.ndarray) 
     Ghosts that no point of the last phase moved lag behind their owners afterwards.
 
     Args:
-        interactions: the points.
         sweep: over them.
         velocity: shape (num_slots * dim,), that of the sweep.
     """

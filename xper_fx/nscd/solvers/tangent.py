@@ -509,17 +509,12 @@ def _invert_clusters(portion, clusters, marked, blocks, fixed, dim, swaps, row):
 
 
 class _Couplings(NamedTuple):
-    """L: entries of w^-1 between the nodes of a cluster and those of clusters before it.
+    """L: entries of w^-1 between the nodes of a cluster and those of clusters before it."""
 
-    Attributes:
-        offsets: shape (num_slots + 1,), first pair of each node, in the order of `Clusters.nodes`.
-        before: first degree of freedom of the other node of each pair.
-        blocks: shape (num_pairs, dim, dim), rows of the node itself.
-    """
-
+    #: shape (num_slots + 1,), first pair of each node, in the order of `Clusters.nodes`
     offsets: np.ndarray
-    before: np.ndarray
-    blocks: np.ndarray
+    before: np.ndarray  #: first degree of freedom of the other node of each pair
+    blocks: np.ndarray  #: shape (num_pairs, dim, dim), rows of the node itself
 
     @classmethod
     def of(cls, clusters: Clusters, sizes: np.ndarray, dim: int) -> _Couplings:
@@ -616,24 +611,17 @@ def _prolong(number, q, z):
 
 
 class GroupTangents(NamedTuple):
-    """D, K and g of the n points of a group, of m components each.
+    """D, K and g of the n points of a group, of m components each."""
 
-    Attributes:
-        slopes: D, shape (n, m, m).
-        stiffness: K, shape (n, m, m).
-        source: g, shape (n, m).
-        change: dr, shape (n, m).
-        changed: which points' D, or K in the axes of space, is another than before, shape (n,).
-        frame: of when that was last so, shape as `Couplings.frame`, which it is where points do not
-            turn. Blocks of clusters are made with it, and not with the frame of now: a block whose
-            springs are what they were stays, and what is saved is all that it is made of.
-    """
-
-    slopes: np.ndarray
-    stiffness: np.ndarray
-    source: np.ndarray
-    change: np.ndarray
+    slopes: np.ndarray  #: D, shape (n, m, m)
+    stiffness: np.ndarray  #: K, shape (n, m, m)
+    source: np.ndarray  #: g, shape (n, m)
+    change: np.ndarray  #: dr, shape (n, m)
+    #: which points' D, or K in the axes of space, is another than before, shape (n,)
     changed: np.ndarray
+    #: of when that was last so, shape as `Couplings.frame`, which it is where points do not turn.
+    #: Blocks of clusters are made with it, and not with the frame of now: a block whose springs are
+    #: what they were stays, and what is saved is all that it is made of.
     frame: np.ndarray
 
     @classmethod
@@ -649,9 +637,6 @@ class GroupTangents(NamedTuple):
 
 class PointTangents:
     """D, K and g of all points of a scene, in arrays that are kept.
-
-    Args:
-        interactions: the points.
 
     Attributes:
         groups: those of each group of points.
@@ -756,9 +741,6 @@ def _portions(interactions: Interactions, clusters: Clusters) -> list[_Portion]:
 
 class LinearisedProblem:
     """The linearised problem of a scene; what does not depend on the state is kept.
-
-    Args:
-        interactions: the points.
 
     Attributes:
         regular: whether w could be inverted on the degrees of freedom that are not prescribed; if

@@ -80,38 +80,29 @@ class _Blocks(NamedTuple):
 
     A point has as many `unknowns` here as the law of the scene with most components; those that its
     own law lacks stay zero.
-
-    Attributes:
-        offsets: shape (num_vertices + 1,), first point of each.
-        start: shape (num_points, 2), first dof of each side's node.
-        frame: shape (num_points, 1, dim), the normal, or (num_points, 3, 3), at the start.
-        residual, correction: shape (widest, unknowns), work space of the vertex at hand, for the
-            points that the vertex with most points has.
-        inverse: the vertices' inverse matrices, flat.
-        inverse_offsets: shape (num_vertices + 1,); equal ones where none is kept.
-        lines: shape (widest * unknowns**2,), work space.
-        slope: shape (num_points, unknowns, unknowns), columns of the slopes T that the inverse is
-            made for.
-        rounding: shape (num_vertices,), sum of 1 / (trace W_ii)^2: r^2 for a unit velocity.
-        tilt: work space, shape (widest, 1, 2) in 2D and (widest, 3, 3) in 3D: K_i K_p^T F_p F_i^T,
-            its first row in 2D; empty where frames stay.
-        directed: shape (num_vertices,), whether w of a node is not the same in all directions.
-        free: velocities without impulses, of the step at hand.
     """
 
-    offsets: np.ndarray
-    start: np.ndarray
+    offsets: np.ndarray  #: shape (num_vertices + 1,), first point of each
+    start: np.ndarray  #: shape (num_points, 2), first dof of each side's node
+    #: shape (num_points, 1, dim), the normal, or (num_points, 3, 3), at the start
     frame: np.ndarray
+    #: residual, correction: shape (widest, unknowns), work space of the vertex at hand, for the
+    #: points that the vertex with most points has
     residual: np.ndarray
     correction: np.ndarray
-    inverse: np.ndarray
-    inverse_offsets: np.ndarray
-    lines: np.ndarray
+    inverse: np.ndarray  #: the vertices' inverse matrices, flat
+    inverse_offsets: np.ndarray  #: shape (num_vertices + 1,); equal ones where none is kept
+    lines: np.ndarray  #: shape (widest * unknowns**2,), work space
+    #: shape (num_points, unknowns, unknowns), columns of the slopes T that the inverse is made for
     slope: np.ndarray
+    #: shape (num_vertices,), sum of 1 / (trace W_ii)^2: r^2 for a unit velocity
     rounding: np.ndarray
+    #: work space, shape (widest, 1, 2) in 2D and (widest, 3, 3) in 3D: K_i K_p^T F_p F_i^T, its
+    #: first row in 2D; empty where frames stay
     tilt: np.ndarray
+    #: shape (num_vertices,), whether w of a node is not the same in all directions
     directed: np.ndarray
-    free: np.ndarray
+    free: np.ndarray  #: velocities without impulses, of the step at hand
 
     def for_thread(self, free: np.ndarray) -> _Blocks:
         """The same vertices with work space of its own, in a step from these free velocities."""
@@ -199,17 +190,12 @@ def build(interactions: Interactions) -> _Blocks:
 
 
 class _Turns(NamedTuple):
-    """How a vertex and its points have turned, K being frames of the start and F those of now.
+    """How a vertex and its points have turned, K being frames of the start and F those of now."""
 
-    Attributes:
-        none: of a vertex that has not.
-        whole: `(K, p, F, i)`, K_p^T F_i of a point, p among those of all vertices, i in its group.
-        set_tilt: `(tilt, position, K, p, F, i, turn)`, K_p turn F_i^T.
-    """
-
-    none: tuple
+    none: tuple  #: of a vertex that has not
+    #: `(K, p, F, i)`, K_p^T F_i of a point, p among those of all vertices, i in its group
     whole: Callable
-    set_tilt: Callable
+    set_tilt: Callable  #: `(tilt, position, K, p, F, i, turn)`, K_p turn F_i^T
 
 
 @cache

@@ -18,53 +18,40 @@ from xper_fx.nscd.points import InteractionPoints
 
 
 class VertexGraphs(NamedTuple):
-    """Corners and bonds of all vertices.
+    """Corners and bonds of all vertices."""
 
-    Attributes:
-        corner_offsets, bond_offsets: shape (num_vertices + 1,), first of each vertex.
-        corner: shape (num_corners,), slot of each.
-        sides: shape (num_bonds, 2), corners of candidate and antagonist, counted in the vertex.
-        point: shape (num_bonds,), number among the points.
-        normal: shape (num_bonds, dim), from antagonist to candidate.
-        area: shape (num_bonds,), m^2 (2D: m).
-        least: shape (num_bonds,), smallest force that a rigid bond may not bear, N; zero where a
-            bond is not initially rigid.
-        compliance: shape (num_slots, dim), 1 / m of each slot, zero where it is driven; where an
-            implicit bulk has others in other directions, the largest of them.
-        mass: shape (num_corners,), of each corner that is not driven (kg; 2D: kg/m).
-        compliance_of_vertex: shape (num_vertices,), one over the mass of all its corners; zero
-            where one of them is driven.
-        weakest: shape (num_vertices,), smallest of `least`.
-        easy: shape (num_vertices,), N; while the root of the sum of squares of what the corners are
-            given is below step times this, some flow is borne (`holding.py`).
-        tree: shape (num_corners, 3), the corners of a vertex, those farthest from its first one
-            first: corner, the bond on the shortest way there, and the corner beyond it; the first
-            corner itself comes last.
-        ring_offsets: shape (num_vertices + 1,), first ring of each vertex.
-        ring_ends: shape (num_rings,), one beyond the last entry of each ring in `ring`.
-        ring: shape (n, 2), bonds that close a ring of corners, counted in the vertex, and 1 where
-            one goes round from antagonist to candidate, -1 elsewhere.
-        ring_weight: shape (n,), float32, the same sign times 1 / least^2, over the sum of that
-            along the ring.
-    """
-
+    #: corner_offsets, bond_offsets: shape (num_vertices + 1,), first of each vertex
     corner_offsets: np.ndarray
     bond_offsets: np.ndarray
-    corner: np.ndarray
+    corner: np.ndarray  #: shape (num_corners,), slot of each
+    #: shape (num_bonds, 2), corners of candidate and antagonist, counted in the vertex
     sides: np.ndarray
-    point: np.ndarray
-    normal: np.ndarray
-    area: np.ndarray
+    point: np.ndarray  #: shape (num_bonds,), number among the points
+    normal: np.ndarray  #: shape (num_bonds, dim), from antagonist to candidate
+    area: np.ndarray  #: shape (num_bonds,), m^2 (2D: m)
+    #: shape (num_bonds,), smallest force that a rigid bond may not bear, N; zero where a bond is
+    #: not initially rigid
     least: np.ndarray
+    #: shape (num_slots, dim), 1 / m of each slot, zero where it is driven; where an implicit bulk
+    #: has others in other directions, the largest of them
     compliance: np.ndarray
-    mass: np.ndarray
+    mass: np.ndarray  #: shape (num_corners,), of each corner that is not driven (kg; 2D: kg/m)
+    #: shape (num_vertices,), one over the mass of all its corners; zero where one of them is driven
     compliance_of_vertex: np.ndarray
-    weakest: np.ndarray
+    weakest: np.ndarray  #: shape (num_vertices,), smallest of `least`
+    #: shape (num_vertices,), N; while the root of the sum of squares of what the corners are given
+    #: is below step times this, some flow is borne (`holding.py`)
     easy: np.ndarray
+    #: shape (num_corners, 3), the corners of a vertex, those farthest from its first one first:
+    #: corner, the bond on the shortest way there, and the corner beyond it; the first corner itself
+    #: comes last
     tree: np.ndarray
-    ring_offsets: np.ndarray
-    ring_ends: np.ndarray
+    ring_offsets: np.ndarray  #: shape (num_vertices + 1,), first ring of each vertex
+    ring_ends: np.ndarray  #: shape (num_rings,), one beyond the last entry of each ring in `ring`
+    #: shape (n, 2), bonds that close a ring of corners, counted in the vertex, and 1 where one goes
+    #: round from antagonist to candidate, -1 elsewhere
     ring: np.ndarray
+    #: shape (n,), float32, the same sign times 1 / least^2, over the sum of that along the ring
     ring_weight: np.ndarray
 
     @property

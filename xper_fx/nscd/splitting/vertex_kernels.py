@@ -22,43 +22,27 @@ _SINGULAR = 1e-14
 
 
 class VertexWork(NamedTuple):
-    """Work space of a vertex with as many corners k and bonds e as any has.
+    """Work space of a vertex with as many corners k and bonds e as any has."""
 
-    Attributes:
-        cluster: shape (k,), first corner of each corner's cluster.
-        pinned: shape (k,).
-        driven: shape (k, dim).
-        mass: shape (k, dim), of the corners, zero where they are driven.
-        free: shape (k, dim), velocities of the cells for themselves (m/s).
-        v, w: shape (k, dim), velocity and compliance of the cluster whose first corner it is.
-        source: shape (k, dim).
-        laplacian: shape (k, k).
-        fused, active: shape (e,), what transmits within a cluster, and what acts between two.
-        kept: shape (e,), what was fused before it was tried whether more opens.
-        flow: shape (e, dim); also residuals and corrections (N s).
-        answer: shape (e, dim), impulses that laws ask for, in their axes (N s).
-        direction: shape (e, dim), of a Newton step (N s).
-        slope: shape (e, dim, dim).
-        system: shape (e dim, e dim).
-    """
-
-    cluster: np.ndarray
-    pinned: np.ndarray
-    driven: np.ndarray
-    mass: np.ndarray
-    free: np.ndarray
+    cluster: np.ndarray  #: shape (k,), first corner of each corner's cluster
+    pinned: np.ndarray  #: shape (k,)
+    driven: np.ndarray  #: shape (k, dim)
+    mass: np.ndarray  #: shape (k, dim), of the corners, zero where they are driven
+    free: np.ndarray  #: shape (k, dim), velocities of the cells for themselves (m/s)
+    #: v, w: shape (k, dim), velocity and compliance of the cluster whose first corner it is
     v: np.ndarray
     w: np.ndarray
-    source: np.ndarray
-    laplacian: np.ndarray
+    source: np.ndarray  #: shape (k, dim)
+    laplacian: np.ndarray  #: shape (k, k)
+    #: fused, active: shape (e,), what transmits within a cluster, and what acts between two
     fused: np.ndarray
     active: np.ndarray
-    kept: np.ndarray
-    flow: np.ndarray
-    answer: np.ndarray
-    direction: np.ndarray
-    slope: np.ndarray
-    system: np.ndarray
+    kept: np.ndarray  #: shape (e,), what was fused before it was tried whether more opens
+    flow: np.ndarray  #: shape (e, dim); also residuals and corrections (N s)
+    answer: np.ndarray  #: shape (e, dim), impulses that laws ask for, in their axes (N s)
+    direction: np.ndarray  #: shape (e, dim), of a Newton step (N s)
+    slope: np.ndarray  #: shape (e, dim, dim)
+    system: np.ndarray  #: shape (e dim, e dim)
 
 
 def vertex_work(graphs: VertexGraphs, dim: int) -> VertexWork:

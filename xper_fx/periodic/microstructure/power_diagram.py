@@ -35,17 +35,14 @@ _COINCIDENT = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class DiagramVertices:
-    """Vertices of a periodic power diagram, one of each class modulo the lattice.
+    """Vertices of a periodic power diagram, one of each class modulo the lattice."""
 
-    Attributes:
-        x: position of each vertex, in the box (up to rounding), shape (num_vertices, dim).
-        seeds: for each vertex the seeds whose cells meet there, num_vertices arrays of shape (k,).
-        shifts: by how many periods each of them is moved to be there, num_vertices integer arrays
-            of shape (k, dim).
-    """
-
+    #: position of each vertex, in the box (up to rounding), shape (num_vertices, dim)
     x: npt.NDArray[np.float64]
+    #: for each vertex the seeds whose cells meet there, num_vertices arrays of shape (k,)
     seeds: list[npt.NDArray[np.int64]]
+    #: by how many periods each of them is moved to be there, num_vertices integer arrays of shape
+    #: (k, dim)
     shifts: list[npt.NDArray[np.int64]]
 
 

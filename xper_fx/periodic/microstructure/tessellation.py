@@ -35,35 +35,26 @@ _DUPLICATE = 1e-6
 
 
 class Face(NamedTuple):
-    """What two pieces share: an edge in 2D, a polygon in 3D; one of each class modulo the lattice.
+    """What two pieces share: an edge or a polygon; one of each class modulo the lattice."""
 
-    Attributes:
-        pieces: the two pieces; the first one in its own place.
-        shift: by how many periods the second piece is moved to face the first, shape (dim,), int.
-            A piece may face its own image.
-        corners: vertices of the tessellation, shape (k,), int; k = 2 in 2D. Seen from outside of
-            the first piece counterclockwise (2D: that piece lies to the left).
-        corner_shifts: by how many periods each of them is moved, shape (k, dim), int.
-    """
-
-    pieces: tuple[int, int]
+    pieces: tuple[int, int]  #: the two pieces; the first one in its own place
+    #: by how many periods the second piece is moved to face the first, shape (dim,), int. A piece
+    #: may face its own image.
     shift: npt.NDArray[np.int64]
+    #: vertices of the tessellation, shape (k,), int; k = 2 in 2D. Seen from outside of the first
+    #: piece counterclockwise (2D: that piece lies to the left).
     corners: npt.NDArray[np.int64]
+    #: by how many periods each of them is moved, shape (k, dim), int
     corner_shifts: npt.NDArray[np.int64]
 
 
 class PieceFace(NamedTuple):
-    """A face as a part of a piece's boundary.
+    """A face as a part of a piece's boundary."""
 
-    Attributes:
-        face: index of the face in the tessellation.
-        shift: by how many periods the face is moved to be there, shape (dim,), int.
-        outward: whether its corners are counterclockwise as seen from outside of this piece.
-    """
-
-    face: int
+    face: int  #: index of the face in the tessellation
+    #: by how many periods the face is moved to be there, shape (dim,), int
     shift: npt.NDArray[np.int64]
-    outward: bool
+    outward: bool  #: whether its corners are counterclockwise as seen from outside of this piece
 
 
 @dataclass(frozen=True, eq=False)
