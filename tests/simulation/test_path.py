@@ -499,6 +499,31 @@ def test_loads_to_and_fro_are_followed():
     assert abs(loads[-1]) < 1e-9 * BOND.strength
 
 
+@pytest.mark.parametrize(
+    ("share", "control", "load"),
+    [
+        (0.3, xf.GrowthControl(), lambda t: 1.5 * (1.0 - abs(2.0 * t - 1.0))),
+        (0.3, xf.DissipationControl(10.0), lambda t: 1.5 * (1.0 - abs(2.0 * t - 1.0))),
+        (3.0, xf.GrowthControl(), lambda t: 1.2 * np.sin(4.0 * np.pi * t) * (0.75 + t)),
+    ],
+)
+def test_ends_are_where_they_are_driven_when_loads_turn(share, control, load):
+    """The bond has opened when the load turns. It unloads: no end goes on as it did before.
+
+    Or the load bends so that it has changed twice as much after the step as after its half.
+    """
+    length = share * CRITICAL
+    peak = BOND.strength * length / E + BOND.elastic_opening
+    ends = [xf.PrescribedDisplacement(RIGHT, 0, lambda t: peak * load(t))]
+    simulation, spent = follow(bar(length, loads=ends), control), []
+    end = 1.0 if share < 1.0 else 0.25
+    for step in simulation.steps(end):
+        assert abs(simulation.mean_displacement(RIGHT)[0] - peak * load(step.time)) < 1e-9 * peak
+        spent.append(step.energies["dissipated_cohesion"])
+    assert step.time == pytest.approx(end) and len(spent) < 60
+    assert spent[-1] > 5.0 and spent[-1] == pytest.approx(spent[len(spent) * 3 // 4], rel=1e-9)
+
+
 def arch(stones: int) -> xf.Scene:
     """Half a circle of stones with joints of mortar: its weight, and then a load on one stone.
 

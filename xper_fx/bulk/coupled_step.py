@@ -354,8 +354,8 @@ class CoupledStep:
         self.velocity = velocity
         if self.growth is not None:
             self.loading.set(time)
-            if self.loading.bends:  # motions are not those of the correction's line
-                self.velocity = np.where(self._free, velocity, self.loading.wanted)
+            # loads that bend are not on the correction's line
+            self.velocity = np.where(self._free, velocity, self.loading.wanted)
         with self._stopwatch.phase("free velocity"):
             self._ask_bulk()
         if self.turns:

@@ -25,8 +25,9 @@ if TYPE_CHECKING:
 _Changes: TypeAlias = tuple[np.ndarray | float, np.ndarray, np.ndarray]
 _NONE = np.zeros((0, 0))
 
-# Relative difference of the changes in both halves of a step at which loads are not linear in time.
-_BENT = 1e-9
+# Part of a step whose change of linear loads is that part of the step's; no period divides it. And
+# relative difference of the two at which loads are not linear in time.
+_PART, _BENT = 0.5 * (3.0 - math.sqrt(5.0)), 1e-9
 # Part of the step over which differences of such loads are taken.
 _SHORT = 1e-6
 # Relative difference of loads that are the same.
@@ -50,7 +51,6 @@ class Loading:
         external: forces there (N).
         wanted: velocities at its end, those of the start where nothing is prescribed (m/s).
         driven: those of rigid bodies, shape (2 n, dim), m/s and rad/s.
-        bends: whether `rates` has found loads or motions that are not linear in time.
         held: time (s) within the step in which no load moves, as far as `rates` passed it by;
             negative where it leads back.
     """
@@ -65,7 +65,7 @@ class Loading:
         rigid: DrivenMotion | None = None,
     ):
         self._bulk, self._equations, self._state, self._rigid = bulk, equations, state, rigid
-        self._step, self._theta, self.bends = step, theta, False
+        self._step, self._theta = step, theta
         self._last, self.held = state.time, 0.0
         self.set(state.time + step)
 
@@ -83,15 +83,14 @@ class Loading:
         no load moves the time becomes the end of that, on the way from the last time asked at.
         """
         step = self._step
-        whole, half = self._changes(step), self._changes(0.5 * step)
+        whole, part = self._changes(step), self._changes(_PART * step)
         values = self._values()
         bends = [
-            np.abs(a - 2.0 * b).max(initial=0.0)
+            np.abs(_PART * a - b).max(initial=0.0)
             > _BENT * max(np.abs(a).max(initial=0.0), np.abs(value).max(initial=0.0))
-            for a, b, value in zip(whole, half, values, strict=True)
+            for a, b, value in zip(whole, part, values, strict=True)
         ]
-        self.bends = bool(self._bulk.ranks.max(float(any(bends))))
-        if self.bends:
+        if self._bulk.ranks.max(float(any(bends))) > 0.0:
             step *= _SHORT
             whole = self._changes(step)
             if not self._moved(whole):
