@@ -10,7 +10,7 @@ from plates import crossed_plate
 from solving import solve
 from test_nlgs import check_velocity, dense_h, dense_w, gauss_scene, tetrahedra_scene
 
-from xper_fx.nscd.algebra.krylov import gmres
+from xper_fx.nscd.algebra.krylov import gmres, orthomin
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb, Tresca
@@ -367,6 +367,47 @@ def test_clusters_are_the_vertices_of_the_mesh():
     clusters, opened = facing_clusters(grounded)
     touching = grounded.points.nodes[(grounded.points.nodes == 15).any(axis=1)[:, 0]]
     assert np.all(opened[clusters.cluster[touching]])
+
+
+@pytest.mark.parametrize("kept", [1, 2, 4])
+def test_orthomin_falls_like_minres_where_the_matrix_is_symmetric(kept):
+    """scipy's MINRES takes the least residual of all directions; two terms are enough for it."""
+    rng = np.random.default_rng(2)
+    half = rng.normal(size=(60, 60))
+    a = half @ half.T + 20.0 * np.eye(60)
+    b = rng.normal(size=60)
+    x, left = np.zeros(60), b.copy()
+
+    def precondition(r, z, y):
+        z[:] = r
+        y[:] = a @ z
+
+    iterations, size = orthomin(precondition, left, x, 1e-8, 500, np.empty((2, kept + 1, 60)))
+    assert 10 < iterations < 60 and size <= 1e-8
+    np.testing.assert_allclose(x, np.linalg.solve(a, b), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(left, b - a @ x, rtol=0, atol=1e-12)
+    reached = []
+    scipy.sparse.linalg.minres(
+        a, b, rtol=1e-14, maxiter=iterations, callback=lambda x: reached.append(b - a @ x)
+    )
+    assert np.linalg.norm(reached[-2]) > 1e-8 >= 0.99 * np.linalg.norm(reached[-1])
+
+
+def test_orthomin_solves_what_is_not_symmetric():
+    rng = np.random.default_rng(2)
+    a = np.diag(np.linspace(1.0, 50.0, 60)) + 0.3 * rng.normal(size=(60, 60))
+    b = rng.normal(size=60)
+    x, left = np.zeros(60), b.copy()
+
+    def precondition(r, z, y):
+        z[:] = r / np.diag(a)
+        y[:] = a @ z
+
+    iterations, size = orthomin(precondition, left, x, 1e-10, 500, np.empty((2, 3, 60)))
+
+    assert 10 < iterations < 120 and size <= 1e-10
+    np.testing.assert_allclose(x, np.linalg.solve(a, b), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(left, b - a @ x, rtol=0, atol=1e-12)
 
 
 def test_gmres_solves_with_restarts_as_scipy_does():

@@ -146,6 +146,7 @@ class Scene:
         ranks = ALONE if spread is None else spread.ranks
         ranks.together(self._check)
         self._check_walls(ranks)
+        ranks.together(self._separate_rigid_bodies)
         if self.bodies is not None:
             check_places(self.loads, self.bodies, self.order, ranks)
         self._fix()
@@ -164,7 +165,6 @@ class Scene:
         if self.contacts or not self.joints:
             check_contacts(self.contacts, self.surfaces, self.materials, self.rigid_bodies)
         self._check_meetings()
-        self._separate_rigid_bodies()
 
     def _fix(self) -> None:
         """Keep lists and mappings of one's own, and let no attribute be set any more."""

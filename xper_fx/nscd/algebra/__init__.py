@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Small vectors and matrices of kernels, by dimension; GMRES and mixing of large vectors."""
+"""Small vectors and matrices of kernels, by dimension; Krylov methods and mixing of large ones."""

@@ -9,10 +9,10 @@ here each iteration is the problem of `tangent.py`,
 
     (w^-1 + H K H^T) dv = H (r + g) - w^-1 (v - v_free),
 
-solved by its GMRES, whose blocks of facing nodes hold the springs of the points however stiff they
+solved by its iterations, whose blocks of facing nodes hold the springs of the points however stiff they
 have become.
 
-**How well.** GMRES leaves a share of what bodies bear that falls with x . z: rough velocities
+**How well.** They leave a share of what bodies bear that falls with x . z: rough velocities
 would do for the first iterations, and only the last are worth its time.
 """
 
@@ -29,9 +29,9 @@ from xper_fx.nscd.laws.law import CoulombPoints
 from xper_fx.nscd.solvers.cone_points import ConePoints, coulomb_points
 from xper_fx.nscd.solvers.tangent import LinearisedProblem
 
-# What GMRES leaves, relative to |H r|, for x . z as it was at first; and the least of x . z for it.
+# What iterations leave, relative to |H r|, for x . z as it was at first; and the least of x . z for it.
 _FORCING, _LEAST_GAP = 0.03, 3e-5
-_MAX_ITERATIONS, _MAX_GMRES = 40, 200
+_MAX_ITERATIONS, _MAX_LINEAR = 40, 200
 # Steps shorter than this end the descent; x . z at which it has led somewhere.
 _SHORTEST, _USEFUL = 1e-3, 1e-3
 # x . z at the end, relative to the first one, for a tolerance of 1.
@@ -150,7 +150,7 @@ class _Path:
         problem.tangents.spread_source(self._interactions, force)
         self._left += force
         problem.hold(self._left)
-        iterations = problem.improve(self._left, self._step, bound, _MAX_GMRES)
+        iterations = problem.improve(self._left, self._step, bound, _MAX_LINEAR)
         for number, (_, springs) in enumerate(self._groups()):
             self._cones.answer(number, self._step, springs.source)
         self._cones.follow()

@@ -253,8 +253,8 @@ class ConePoints:
         Returns:
             The change that dx and dz go with in the end.
         """
+        length = self._room
         for _ in range(_RECENTRINGS):
-            length = self._room
             if length > _FAR:
                 break
             before = self._dx.copy(), self._dz.copy()
@@ -263,10 +263,11 @@ class ConePoints:
                 min(1.0, length + _FARTHER), self._centre, self._g,
             )  # fmt: skip
             other = solve()
-            if self._room < length + _GAIN:
+            longer = self._room
+            if longer < length + _GAIN:
                 self._dx[:], self._dz[:] = before
                 break
-            found = other
+            found, length = other, longer
         return found
 
     @property

@@ -13,8 +13,8 @@ also makes redundant constraints (a ring of sticking facets) harmless. With dv =
 
     (w^-1 + H K H^T) dv = H g,
 
-sparse, over the bodies' degrees of freedom, symmetric but for sliding with friction. GMRES solves
-it with two corrections added up:
+sparse, over the bodies' degrees of freedom, symmetric but for sliding with friction. Orthomin, or
+GMRES where that stalls (`algebra/krylov.py`), solves it with two corrections added up:
 
 - the clusters of facing nodes (`clusters.py`: a vertex of the mesh before it was cut) one after the
   other, K included, each by a dense inverse: however stiff the springs, they are inside. What the
@@ -31,7 +31,7 @@ The second is left out where many points are open or slide: facing nodes do not 
 Rigid bodies have nothing of the kind, and their stacks, arches and packings hand a load on over
 many bodies. Blocks with many nodes on their boundary deform in ways of which neither correction
 knows. So the matrix itself is factored, where it is not too large, if all bodies are rigid, and of
-other bodies once GMRES has needed many iterations in the step. Newton's method gains by more than
+other bodies once many iterations were needed in the step. Newton's method gains by more than
 their time: changes that are exact settle most points at once, where rough ones make many of them
 open and close in turn.
 """
@@ -48,7 +48,7 @@ from scipy.sparse import bsr_array, coo_array, diags_array
 from scipy.sparse.linalg import splu
 
 from xper_fx.cache import njit
-from xper_fx.nscd.algebra.krylov import gmres
+from xper_fx.nscd.algebra.krylov import gmres, norm, orthomin
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.couplings import (
     Sides,
@@ -69,12 +69,14 @@ from xper_fx.nscd.solvers.clusters import Clusters, facing_clusters, springs_wit
 _REACH, _LEAST = 1e-6, 1e-9
 # Shortening of D (module docstring), and change of D, or of K by a turn, that counts as rounding.
 _PROXIMAL, _SAME = 1e-6, 1e-6
-# Vectors that GMRES keeps before a restart.
-_BASIS = 40
+# Directions that Orthomin keeps, and vectors that GMRES keeps before a restart.
+_KEPT, _BASIS = 2, 40
+# How often what rounding has left over is solved for.
+_REFINEMENTS = 1
 # Share of the motion at points that springs hold, below which facing nodes do not move as one.
 MOSTLY = 0.75
 # Degrees of freedom up to which the matrix of rigid bodies is factored; of meshed ones, in 2D and
-# in 3D, and iterations of GMRES after which it is.
+# in 3D, and iterations after which it is.
 _RIGID = 6000
 DIRECT, MANY = {2: 40_000, 3: 12_000}, 40
 # Pivot, relative to the largest entry, at which a block counts as singular.
@@ -769,7 +771,8 @@ class LinearisedProblem:
         self._beside = np.empty((2, len(self._swaps)))
         self._couplings = _Couplings.of(self._clusters, self._sizes, dim)
         self.tangents = PointTangents(interactions)
-        self._room = np.empty((_BASIS + 3, num_dofs))
+        self._directions = np.empty((2, _KEPT + 1, num_dofs))
+        self._basis = np.empty((_BASIS + 3, num_dofs))
         self._left, self._part = np.empty((2, num_dofs))
         self.renew()
 
@@ -792,7 +795,7 @@ class LinearisedProblem:
         self._fresh = True
 
     def begin(self) -> None:
-        """Take H of now, as points may have turned, and GMRES again if the bodies are not rigid."""
+        """Take H of now, as points may have turned, and no factors of it if the bodies are not rigid."""
         self._openings = []
         if self._direct and not self._always:
             self._direct, self._fresh = False, True
@@ -918,15 +921,19 @@ class LinearisedProblem:
         Args:
             step: shape (num_slots * dim,), dv (m/s): a first guess, improved in place.
             bound: norm of the momentum that may be left over (N s).
-            max_iterations: of GMRES.
+            max_iterations: products with the matrix after which to stop.
 
         Returns:
             dr of each group (arrays of this object, overwritten next time), and iterations.
         """
-        self._source(self._left)
-        self._apply(step, self._part)
-        self._left -= self._part
-        iterations = self.improve(self._left, step, bound, max_iterations)
+        iterations, left = 0, self._left
+        for _ in range(_REFINEMENTS + 1):
+            self._source(left)
+            self._apply(step, self._part)
+            left -= self._part
+            if norm(left) <= bound or iterations >= max_iterations:
+                break
+            iterations += self.improve(left, step, bound, max_iterations - iterations)
         self.heed(iterations)
         return self.tangents.changes(self._interactions, step), iterations
 
@@ -947,11 +954,14 @@ class LinearisedProblem:
         Returns:
             Iterations.
         """
-        part, correction = self._part, self._room[0]
-        self._precondition(left, correction, part)
-        step += correction
-        left -= part
-        iterations, _ = gmres(self._precondition, left, step, bound, max_iterations, self._room)
+        iterations, size = orthomin(
+            self._precondition, left, step, bound, max_iterations, self._directions
+        )
+        if size > bound:
+            more, _ = gmres(
+                self._precondition, left, step, bound, max_iterations - iterations, self._basis
+            )
+            iterations += more
         return iterations
 
     def _source(self, total: np.ndarray) -> None:
