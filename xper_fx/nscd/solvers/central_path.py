@@ -9,8 +9,8 @@ here each iteration is the problem of `tangent.py`,
 
     (w^-1 + H K H^T) dv = H (r + g) - w^-1 (v - v_free),
 
-solved by its iterations, whose blocks of facing nodes hold the springs of the points however stiff they
-have become.
+solved by its iterations, whose blocks of facing nodes hold the springs of the points however stiff
+they have become.
 
 **How well.** They leave a share of what bodies bear that falls with x . z: rough velocities
 would do for the first iterations, and only the last are worth its time.
@@ -29,7 +29,7 @@ from xper_fx.nscd.laws.law import CoulombPoints
 from xper_fx.nscd.solvers.cone_points import ConePoints, coulomb_points
 from xper_fx.nscd.solvers.tangent import LinearisedProblem
 
-# What iterations leave, relative to |H r|, for x . z as it was at first; and the least of x . z for it.
+# What iterations leave, relative to |H r|, for x . z as it was at first; and the least of x . z.
 _FORCING, _LEAST_GAP = 0.03, 3e-5
 _MAX_ITERATIONS, _MAX_LINEAR = 40, 200
 # Steps shorter than this end the descent; x . z at which it has led somewhere.

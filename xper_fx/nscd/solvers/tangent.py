@@ -795,7 +795,7 @@ class LinearisedProblem:
         self._fresh = True
 
     def begin(self) -> None:
-        """Take H of now, as points may have turned, and no factors of it if the bodies are not rigid."""
+        """Take H of now, as points may have turned; without factors if the bodies are not rigid."""
         self._openings = []
         if self._direct and not self._always:
             self._direct, self._fresh = False, True
