@@ -764,7 +764,10 @@ class LinearisedProblem:
         self._factors = None
         self._openings: list = []  # H^T of each group
         self._clusters, self._opened = facing_clusters(interactions)
-        self._within = springs_within(interactions, self._clusters.cluster)
+        # blocks of points that turn are those of a moment before
+        self._within = not interactions.turns and springs_within(
+            interactions, self._clusters.cluster
+        )
         self._blocks = np.empty(self._clusters.block_offsets[-1])
         self._portions = _portions(interactions, self._clusters)
         self._swaps = np.empty(np.diff(self._clusters.offsets).max() * dim, np.uintp)
