@@ -104,7 +104,7 @@ def fields(folder, name):
 
 
 def test_each_rank_writes_its_fields(folder, tmp_path):
-    recorded.run(str(tmp_path), 12, rigid=False, restart=False)
+    recorded.run(str(tmp_path), 12, restart=False)
     assert len(list((folder / "whole").glob("bulk*.xdmf"))) == RANKS
     for name in ("bulk", "interfaces"):
         one, several = fields(tmp_path, name), fields(folder / "whole", name)
@@ -130,4 +130,4 @@ def test_a_restart_goes_on_as_if_nothing_had_been(folder):
         assert one.shape == other.shape
         np.testing.assert_allclose(other, one, rtol=0.0, atol=2e-7 * np.abs(one).max())
     with pytest.raises(CheckpointError, match="of another scene: .*mesh"):
-        recorded.run(str(again), 12, rigid=False, restart=True)
+        recorded.run(str(again), 12, restart=True)

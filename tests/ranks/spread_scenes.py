@@ -152,7 +152,7 @@ def main() -> None:
         scenes.COMM = WORLD
         if "=" in name:
             found, last = name.split("=")
-            recorded.run(f"{folder}/{found}", int(last), False, "restart" in found)
+            recorded.run(f"{folder}/{found}", int(last), "restart" in found)
         elif name == "held":
             spread, divided = held(WORLD), held(MPI.COMM_SELF)
             found = {"spread": WORLD.gather(spread), "divided": WORLD.gather(divided)}
