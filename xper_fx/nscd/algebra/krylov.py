@@ -202,18 +202,8 @@ def gmres(
 ) -> tuple[int, float]:
     """Reduce a residual, b - A x.
 
-    Args:
-        precondition: `precondition(r, z, y)` sets z = B r, and y = A z, which may be had for less
-            along with z than alone.
-        residual: shape (n,), b - A x on entry and on return.
-        solution: shape (n,), x, improved in place.
-        bound: norm of the residual to reach.
-        max_iterations: products with A after which to stop.
-        room: shape (m + 3, n), overwritten; m vectors are kept before a restart. Nothing of the
-            size of a vector is allocated: on some systems that costs more than the iteration.
-
-    Returns:
-        Iterations made, and the norm of the residual reached.
+    Arguments and results are those of `orthomin`, but `room`: shape (m + 3, n), overwritten; m
+    vectors are kept before a restart.
     """
     most = len(room) - 3
     basis, z, part = room[:-2], room[-2], room[-1]
