@@ -936,7 +936,10 @@ class LinearisedProblem:
             left -= self._part
             if norm(left) <= bound or iterations >= max_iterations:
                 break
-            iterations += self.improve(left, step, bound, max_iterations - iterations)
+            more, _ = gmres(
+                self._precondition, left, step, bound, max_iterations - iterations, self._basis
+            )
+            iterations += more
         self.heed(iterations)
         return self.tangents.changes(self._interactions, step), iterations
 
