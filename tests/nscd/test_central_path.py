@@ -9,6 +9,7 @@ from solving import solve
 from test_newton_points import BOND, plate_step, solved
 from test_nlgs import check_velocity, tetrahedra_scene
 
+from xper_fx.nscd.friction.interior_point import cone_kernels
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb, Tresca
 from xper_fx.nscd.solvers import (
     NewtonOnAllPoints,
@@ -68,7 +69,7 @@ def test_iterations_hardly_grow_with_the_mesh():
 
 
 def test_the_last_linear_problems_are_not_solved_further_than_needed(monkeypatch):
-    """Solved ten times further they take 119 iterations of GMRES."""
+    """Solved ten times further they take 151 iterations."""
     taken, improve = [], LinearisedProblem.improve
 
     def counted(*arguments):
@@ -87,6 +88,65 @@ def test_directions_that_are_recentred_lead_farther(monkeypatch):
     count = followed(make, 1e-6)[3]
     monkeypatch.setattr(cone_points, "_RECENTRINGS", 0)
     assert count <= 0.85 * followed(make, 1e-6)[3]
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_recentring_brings_eigenvalues_between_its_bounds(dim):
+    """What it adds to g is S^-1 (lambda \\ t), t from x o z after the step, by dense matrices."""
+    rng, cones, centre, length = np.random.default_rng(3), cone_kernels(dim), 0.7, 0.9
+    x, z, dx, dz = rng.normal(size=(4, 6, dim))
+    for side in (x, z):
+        side[:, 0] = np.linalg.norm(side[:, 1:], axis=1) + rng.uniform(0.1, 2.0, 6)
+    scaling, g = np.empty((6, dim + 1)), np.zeros((6, dim))
+    for a in range(6):
+        cones.scale(x, z, a, scaling)
+    cones.recentre(scaling, x, z, dx, dz, length, centre, g)
+
+    def arrow(v):
+        return (
+            v[0] * np.eye(dim)
+            + np.outer(np.eye(dim)[0], v * (np.arange(dim) > 0))
+            + np.outer(v * (np.arange(dim) > 0), np.eye(dim)[0])
+        )
+
+    moved = 0
+    for a, (*w, eta) in enumerate(scaling):
+        w = np.array(w)
+        s = (
+            arrow(w)
+            + np.outer(w, w) * (np.arange(dim) > 0) * (np.arange(dim) > 0)[:, None] / (1.0 + w[0])
+            - (w[0] - 1.0) * np.diag(np.arange(dim) > 0)
+        )
+        s *= eta
+        np.testing.assert_allclose(s @ z[a], np.linalg.solve(s, x[a]), rtol=1e-9)  # lambda
+        product = arrow(np.linalg.solve(s, x[a] + length * dx[a])) @ (s @ (z[a] + length * dz[a]))
+        size = np.linalg.norm(product[1:])
+        axis = np.concatenate([[0.0], product[1:] / size])
+        t = np.zeros(dim)
+        for sign in (-1.0, 1.0):
+            value = product[0] + sign * size
+            change = max(np.clip(value, 0.2 * centre, 5.0 * centre) - value, -5.0 * centre)
+            t += 0.5 * change * (np.eye(dim)[0] + sign * axis)
+        moved += np.any(t != 0.0)
+        expected = np.linalg.solve(s, np.linalg.solve(arrow(s @ z[a]), t))
+        np.testing.assert_allclose(g[a], expected, rtol=1e-8, atol=1e-12)
+    assert moved >= 3
+
+
+def test_where_orthomin_stalls_gmres_goes_on():
+    """Sliding in space: alone it stays at 2e-7 of the source, however many directions it takes."""
+    scene, free = tetrahedra_scene(CohesiveZone(2e18, 0.5, 1e9, friction=0.3))
+    velocity = free.copy()
+    solve(scene, velocity, tolerance=1e-12, max_sweeps=4, num_threads=1)
+    problem = LinearisedProblem(scene)
+    problem.linearise(velocity)
+    source, product = np.zeros((2, len(free)))
+    problem.tangents.spread_source(scene, source)
+    problem.hold(source)
+    left, step, bound = source.copy(), np.zeros_like(free), 1e-9 * np.linalg.norm(source)
+    problem.improve(left, step, bound, 400)
+    problem._apply(step, product)
+    assert np.linalg.norm(source - product) <= 2.0 * bound
 
 
 @pytest.mark.parametrize(

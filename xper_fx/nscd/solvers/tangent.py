@@ -13,8 +13,9 @@ also makes redundant constraints (a ring of sticking facets) harmless. With dv =
 
     (w^-1 + H K H^T) dv = H g,
 
-sparse, over the bodies' degrees of freedom, symmetric but for sliding with friction. Orthomin, or
-GMRES where that stalls (`algebra/krylov.py`), solves it with two corrections added up:
+sparse, over the bodies' degrees of freedom, symmetric but for sliding with friction. GMRES solves
+it with two corrections added up (for an interior point Orthomin, and GMRES where that stalls:
+`algebra/krylov.py`):
 
 - the clusters of facing nodes (`clusters.py`: a vertex of the mesh before it was cut) one after the
   other, K included, each by a dense inverse: however stiff the springs, they are inside. What the
@@ -949,7 +950,7 @@ class LinearisedProblem:
             self._direct = self._fresh = True
 
     def improve(self, left: np.ndarray, step: np.ndarray, bound: float, max_iterations: int) -> int:
-        """Improve a solution of (w^-1 + H K H^T) dv = f.
+        """Improve a solution of (w^-1 + H K H^T) dv = f, for the springs of an interior point.
 
         Args:
             left: shape (num_slots * dim,), f - (w^-1 + H K H^T) dv, zero where nothing moves; what
