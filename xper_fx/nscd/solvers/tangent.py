@@ -930,13 +930,17 @@ class LinearisedProblem:
         Returns:
             dr of each group (arrays of this object, overwritten next time), and iterations.
         """
-        iterations, left = 0, self._left
+        iterations, left, correction = 0, self._left, self._basis[0]
         for _ in range(_REFINEMENTS + 1):
             self._source(left)
             self._apply(step, self._part)
             left -= self._part
             if norm(left) <= bound or iterations >= max_iterations:
                 break
+            # taken whole, it leaves nothing of stiff springs, beside which soft ones do not count
+            self._precondition(left, correction, self._part)
+            step += correction
+            left -= self._part
             more, _ = gmres(
                 self._precondition, left, step, bound, max_iterations - iterations, self._basis
             )
