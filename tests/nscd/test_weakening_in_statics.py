@@ -94,7 +94,7 @@ def test_growth_is_that_of_the_slip():
 
 @pytest.mark.parametrize("pressure", [0.2e6, 1e6])
 def test_bricks_that_slide_as_a_whole_pass_their_peak(pressure):
-    """The middle one of three bricks: 2 H (c + mu p), 1.5 % less as its joints slip from their ends.
+    """The middle one of three bricks: 2 H (c + mu p), 1.5 % less as joints slip from their ends.
 
     Without a bound of what slips first a path's largest load was 163 of 200 kN/m.
     """
