@@ -499,6 +499,35 @@ def test_loads_to_and_fro_are_followed():
     assert abs(loads[-1]) < 1e-9 * BOND.strength
 
 
+@pytest.mark.parametrize("amplitude", [1.5, 3.0])
+@pytest.mark.parametrize("turns", [3, 5])
+@pytest.mark.parametrize("share", [0.3, 1.0, 3.0])
+def test_loads_that_end_at_none_are_followed(share, turns, amplitude):
+    """Lips of a broken bond close by what rounding leaves, and answer with the whole bond's spring.
+
+    And where the load turns just before the end of a step, bonds do not open on towards it, back
+    in time: there is no way on beyond the largest load. Each of the two stopped some of these.
+    """
+    length = share * CRITICAL
+    peak = BOND.strength * length / E + BOND.elastic_opening
+
+    def end(t):
+        return peak * (amplitude * t * np.sin(2.0 * np.pi * turns * t))
+
+    simulation = follow(bar(length, loads=[xf.PrescribedDisplacement(RIGHT, 0, end)]))
+    rows = [(s.time, simulation.reaction(RIGHT)[0]) for s in simulation.steps(1.0)]
+    times, loads = np.array(rows).T
+    assert times[-1] == 1.0 and len(rows) < 60
+    assert loads.max() == pytest.approx(BOND.strength, rel=0.1)
+    assert abs(loads[-1]) < 1e-9 * BOND.strength
+    if share < 1.0:
+        assert np.all(np.diff(times) > 0.0)
+    opened = simulation.interactions.gather("opening_max").max()
+    assert opened > BOND.elastic_opening
+    pressed = loads < -1e-3 * BOND.strength
+    assert loads[pressed] == pytest.approx(E * end(times[pressed]) / length, rel=1e-6)
+
+
 @pytest.mark.parametrize(
     ("share", "control", "load"),
     [

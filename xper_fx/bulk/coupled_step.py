@@ -316,8 +316,8 @@ class CoupledStep:
         right = np.broadcast_to(force, self.velocity.shape) + self._pushed_by(driven)
         return self._matrices.solve(right, motion), driven
 
-    def onwards(self) -> tuple[float, np.ndarray] | None:
-        """Time and velocities with which the start of the step goes on; see `Kinks.onwards`."""
+    def onwards(self) -> tuple[float, np.ndarray, list[np.ndarray]] | None:
+        """With what the start of the step goes on; see `Kinks.onwards`."""
         from xper_fx.bulk.rates import MULTIPLIERS, Kinks
 
         matrices, points, h = self._matrices, self.tangents, self.step * self._matrices.theta

@@ -9,6 +9,7 @@ path that comes to it from one side goes on at the other, as if the time in betw
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -156,14 +157,21 @@ class Loading:
         for at in (*before, start, until - short):
             self.set(at)
             rates.append([np.ravel(change) for change in self._changes(short)])
+        return any(self._along(a, b, rates) <= 0.0 for a, b in pairwise(rates))
+
+    def go_on(self, before: float, now: float, later: float) -> bool:
+        """Whether loads change from a time (s) to another one as they did before."""
+        loads = [[np.ravel(load) for load in self._at(time)] for time in (before, now, later)]
+        first, second = ([b - a for a, b in zip(*two, strict=True)] for two in pairwise(loads))
+        return self._along(first, second, [first, second]) > 0.0
+
+    def _along(self, a: Sequence, b: Sequence, among: Sequence) -> float:
+        """a . b of changes of all kinds of loads, each by its largest one among some."""
         total, largest = self._bulk.ranks.sum, self._bulk.ranks.max
-        of_kinds = zip(*rates, strict=True)
+        of_kinds = zip(*among, strict=True)
         sizes = [largest(max(np.abs(r).max(initial=0.0) for r in kind)) for kind in of_kinds]
-        for two in pairwise(rates):
-            kinds = zip(*two, sizes, strict=True)
-            if total(sum(np.vdot(a, b) / size**2 for a, b, size in kinds if size > 0.0)) <= 0.0:
-                return True
-        return False
+        kinds = zip(a, b, sizes, strict=True)
+        return total(sum(np.vdot(x, y) / size**2 for x, y, size in kinds if size > 0.0))
 
     def _changes(self, later: float) -> _Changes:
         """Of the force impulse of a step (N s / h) and of given velocities, in a time (s)."""

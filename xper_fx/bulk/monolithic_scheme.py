@@ -7,7 +7,7 @@ from the contacts that `augmented_lagrangian.py` finds.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -45,8 +45,8 @@ _VAIN = 3
 _GOES_BACK = "the state that was found leads back along the path"
 
 
-# Time (s) and velocities to start from, shape (num_dofs,).
-Guess = tuple[float, np.ndarray]
+# Time (s) and velocities to start from, shape (num_dofs,), and impulses of each group if known.
+Guess = tuple[float, np.ndarray] | tuple[float, np.ndarray, Sequence[np.ndarray]]
 
 
 class PointsOfNodes(NamedTuple):

@@ -16,6 +16,18 @@ x = l x0 + M g, and a linear complementarity problem (Bolzon, Maier and Tin-Loi 
 for l = 1 and l = -1. Lips that touch, and press no more or not yet, are of the same kind: n is
 their normal, K_c has the spring of closed lips, and a_c what that is more than the bond's.
 
+**Friction.** Lips that are pressed and have slid in the last step along d slide on or stick. With F
+for the spring of lips that stick (a multiplier's, 1 / p of the bulk's, along the normal and the
+tangents alike) r_N changes by -F u_N and the bound of friction by -mu F u_N: they slide where
+F d . u would be more than that and what friction bore at the start, that is where
+
+    x = (d + mu n) . u > 0,    and then    d . r = -F d . u + (F - k) x = -k d . u + mu F u_N,
+
+up to k / F = p or less, k the tangent of the bond there: of the same kind again, with n_c = d +
+mu n and a_c = (F - k) d. mu is what the law's answer to more pressure tells. Where the bond is at
+its largest opening its slip is what opens it, and where such lips stick it opens no further,
+whichever way the load goes.
+
 Where Newton's method begins from the last increment or from rest, two bonds may take turns for
 ever. From v it begins with each bond on its branch, and the step takes a few iterations.
 
@@ -52,6 +64,11 @@ _APART, _PARTED = 1e-4, 1e-6
 _ZERO, _PIVOTS = 1e-12, 20
 # Bonds whose rate is given in turn, and changes of the bonds that open.
 _TRIED, _CHANGES = 40, 20
+# Status of lips that slide; part of their pressure by which it is changed to find their friction,
+# how far beside that they slide on, and friction above which there is some.
+_SLIDES, _SHARE, _BEYOND, _FRICTION = 2, 1e-6, 10.0, 1e-6
+# Part of its spring that a bond changes by at least where it softens.
+_HELD = 1e-9
 # p of the springs of closed lips (`nscd/point_tangents.py`).
 MULTIPLIERS = 1e-3
 
@@ -82,6 +99,7 @@ class _KinksOfGroup(NamedTuple):
     """Where springs of a group are others for lips that open than for lips that close."""
 
     group: int  #: its number
+    first: int  #: number of its first point among those of all groups that have bonds
     which: np.ndarray  #: points, shape (m,); one that softens in shear may be about to part as well
     direction: np.ndarray  #: n, shape (m, components)
     falls: np.ndarray  #: a, shape (m, components), N s per m/s
@@ -109,10 +127,11 @@ class Kinks:
         ranks: Ranks,
     ):
         self._groups, self._growth, self._scaled, self._ranks = groups, growth, scaled, ranks
-        self._bonds = growth.at_limit()
+        self._stiffness = stiffness
+        bonds = growth.at_limit()
         self._places = []
         for limit in growth.of_groups():
-            own = self._bonds - limit.first
+            own = bonds - limit.first
             own = own[(own >= 0) & (own < len(limit.reached))]
             found = _kinks_of(groups[limit.group], stiffness[limit.group], own, limit, scaled)
             self._places += [(found, j) for j in range(len(found.which))]
@@ -140,8 +159,11 @@ class Kinks:
         driven: np.ndarray,
         ways: list[np.ndarray],
         changes: Callable[[np.ndarray, np.ndarray], list[np.ndarray]],
-    ) -> tuple[float, np.ndarray] | None:
-        """Time and velocities by which a step has what it may open; None where nothing tells.
+    ) -> tuple[float, np.ndarray, list[np.ndarray]] | None:
+        """Time, velocities and impulses by which a step has what it may open.
+
+        None where nothing tells. Without the impulses lips that are to stick, just within what
+        friction bears, would begin as ones that slide.
 
         The growth follows the bonds that open.
 
@@ -159,8 +181,20 @@ class Kinks:
             return None
         load, g = found
         own = slice(self._first, self._first + len(self._places))
-        self._growth.follow(self._bonds[g[own][np.isfinite(lengths[own])] > 0.0])
-        return time + load, load * along + np.tensordot(g, np.stack(ways), axes=1)
+        numbers = np.array([k.first + k.which[j] for k, j in self._places], int)
+        self._growth.follow(numbers[(g[own] > 0.0) & np.isfinite(lengths[own])])
+        velocity = load * along + np.tensordot(g, np.stack(ways), axes=1)
+        return time + load, velocity, self._impulses(changes(velocity, load * driven), g[own])
+
+    def _impulses(self, moved: list[np.ndarray], g: np.ndarray) -> list[np.ndarray]:
+        """Impulses of each group after its lips have moved, with the rates of this rank's kinks."""
+        impulses = [
+            group.impulse - np.einsum("pij,pj->pi", k, du)
+            for group, k, du in zip(self._groups, self._stiffness, moved, strict=True)
+        ]
+        for (kinks, j), rate in zip(self._places, g, strict=True):
+            impulses[kinks.group][kinks.which[j]] += rate * kinks.falls[j]
+        return impulses
 
     def _openings(self, moved: list[np.ndarray]) -> np.ndarray:
         own = [k.direction[j] @ moved[k.group][k.which[j]] for k, j in self._places]
@@ -195,6 +229,7 @@ def _kinks_of(
     pulled = np.einsum("pij,pj->pi", stiffness[bonds], opens)
     off_curve = np.linalg.norm(pulled + opened / speed, axis=1)
     off_secant = np.linalg.norm(pulled - closed / speed, axis=1)
+    firmest = np.linalg.norm(closed / speed, axis=1)
     softens = (off_curve < off_secant)[:, None, None]
     stiffness[bonds] += np.where(softens, falls[:, :, None] * opens[:, None, :], 0.0)
 
@@ -205,13 +240,57 @@ def _kinks_of(
     parts[:, 0] = 1.0
     opened, closed = (change[:, 0] / least for change in _moved(group, shut, least * parts))
     weak = np.abs(group.impulse[shut, 0]) <= closed * least
+    pressed = shut[~weak & (group.impulse[shut, 0] > 0.0)]
     shut, parts, free, firm = shut[weak], parts[weak], -opened[weak], closed[weak] / MULTIPLIERS
     stiffness[shut, 0, 0] = firm
-    which = np.concatenate([bonds, shut])
     parting = (firm - free)[:, None] * parts
-    length = np.concatenate([limit.length[bonds], np.full(len(shut), np.inf)])
-    directions = np.concatenate([opens, parts])
-    return _KinksOfGroup(limit.group, which, directions, np.concatenate([falls, parting]), length)
+    rubs, slides, bears = _rubbing(group, stiffness, pressed, near / scaled)
+    of_bonds = np.isin(rubs, bonds)
+    # friction holds a bond that sticks whichever way it goes
+    goes = np.linalg.norm(falls, axis=1) > _HELD * firmest
+    goes &= ~np.isin(bonds, rubs)
+    bonds, opens, falls = bonds[goes], opens[goes], falls[goes]
+    which = np.concatenate([bonds, shut, rubs])
+    on = np.concatenate([np.ones(len(bonds), bool), np.zeros(len(shut), bool), of_bonds])
+    length = np.where(on, limit.length[which], np.inf)
+    directions = np.concatenate([opens, parts, slides])
+    falls = np.concatenate([falls, parting, bears])
+    return _KinksOfGroup(limit.group, limit.first, which, directions, falls, length)
+
+
+def _rubbing(
+    group: PointGroup, stiffness: np.ndarray, pressed: np.ndarray, speed: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Closed lips that have slid in the last step: their numbers, n and a.
+
+    Their springs become those of stick.
+
+    Args:
+        group: after `begin_step`.
+        stiffness: of all its points, on either branch; changed.
+        pressed: points that may be, shape (m,).
+        speed: of all points (m/s), over which bonds are asked.
+    """
+    slip = group.velocity[pressed].copy()
+    slip[:, 0] = 0.0
+    size = np.linalg.norm(slip, axis=1)
+    slides = (group.status[pressed] == _SLIDES) & (size > 0.0)
+    which, slip = pressed[slides], slip[slides] / size[slides, None]
+    normal = np.zeros_like(slip)
+    normal[:, 0] = 1.0
+    firm = _moved(group, which, speed[which, None] * normal)[1][:, 0] / speed[which]
+    press = (_SHARE * group.impulse[which, 0] / firm)[:, None]
+    free, _ = _moved(group, which, _BEYOND * press * slip)
+    more, _ = _moved(group, which, _BEYOND * press * slip - press * normal)
+    with np.errstate(invalid="ignore"):  # of lips without friction that are about to part
+        friction = -((more - free) * slip).sum(axis=1) / (more - free)[:, 0]
+    along, _ = _moved(group, which, speed[which, None] * slip)
+    rubs = friction > _FRICTION
+    which, slip, normal = which[rubs], slip[rubs], normal[rubs]
+    firm = firm[rubs, None] / MULTIPLIERS
+    stiffness[which] = firm[:, :, None] * np.eye(slip.shape[1])
+    falls = firm * slip + along[rubs] / speed[which, None]
+    return which, slip + friction[rubs, None] * normal, falls
 
 
 def _moved(group: PointGroup, which: np.ndarray, by: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -30,6 +30,7 @@ holds slender bodies or slips: `augmented_lagrangian.py` then finds who is in co
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -170,10 +171,20 @@ class SemismoothNewton:
         left = self._step.growth_left()
         return _NOT_GROWN.format(1.0 + left) if small and abs(left) > _GROWN else ""
 
-    def start_from(self, time: float, velocity: np.ndarray) -> None:
-        """Take a state to start from: its loads, and the laws' answers to it."""
+    def start_from(
+        self, time: float, velocity: np.ndarray, impulses: Sequence[np.ndarray] | None = None
+    ) -> None:
+        """Take a state to start from: its loads, and the laws' answers to it.
+
+        Args:
+            time: of the loads (s).
+            velocity: of all unknowns, shape (num_dofs,), m/s.
+            impulses: of each group, shape (n, components), N s; None for the present ones.
+        """
         step = self._step
         step.move(velocity, time)
+        if impulses is not None:
+            step.set_impulses(impulses)
         step.set_impulses(step.answers())
 
     def _answers_to(self, impulses: list[np.ndarray]) -> list[np.ndarray]:

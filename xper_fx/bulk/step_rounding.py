@@ -33,10 +33,15 @@ def noise(step: CoupledStep) -> float:
 
 
 def _product_of_largest(step: CoupledStep, values: np.ndarray) -> float:
-    """Of all ranks the largest stiffness, points apart that are held, times the largest value."""
+    """Of all ranks the largest stiffness times the largest value.
+
+    That of a point that is held is p K: what its law answers to a gap, which is that of a whole
+    bond, also where the bond is broken and the bulk a thousand times softer.
+    """
     stiffest, tangents = step.stiffest, step.tangents
     if tangents is not None:
         for k, held in zip(tangents.stiffness, tangents.held, strict=True):
-            stiffest = max(stiffest, float(np.abs(k[~held]).max(initial=0.0)))
+            own = np.where(held, tangents.proximal, 1.0)[:, None, None] * np.abs(k)
+            stiffest = max(stiffest, float(own.max(initial=0.0)))
     largest = float(np.abs(values).max(initial=0.0))
     return float(np.prod(step.ranks.max(np.array([stiffest, largest]))))

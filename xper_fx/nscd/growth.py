@@ -20,7 +20,10 @@ left out, which a step bounds by its growth. `bulk/rates.py` finds turns of all 
 
 **Slip.** Of joints that slip weakens what grows is the slip that they have made, to and fro. Their
 jumps are measured from where the step begins, where nothing is reached, without the normal part,
-and L is the whole length, as nothing is elastic before.
+and L is the whole length, as nothing is elastic before. A joint that slides as a whole bears most
+where it begins to. There the last points to slip are bounded instead: of all that have not slipped
+yet, the one that slips least slips by no more than g a L, a a small share, of which the load that
+a step passes by is g a of the joint's cohesion at most.
 
 Where ranks divide the points each has the bonds of its own; ends, sums and decisions are those of
 all, and all ranks ask together.
@@ -46,6 +49,9 @@ _STILL = 1e-9
 _TURNS = 6
 # Length beside that of its curve of a bond that weakens from the first opening, and is closed yet.
 _FIRST = 0.05
+# Part of its slip distance by which the last point of joints may slip for the first time (a), and
+# the part up to which one has not slipped.
+_FIRST_SLIP, _STUCK = 5e-3, 1e-6
 # How much of what a step may do, relative, at which an iteration goes astray.
 _ASTRAY = 10.0
 
@@ -100,7 +106,10 @@ class GrowthLimit:
         grew = _opening(self._start) > (1.0 - _ROUNDING) * self._reached
         grew[slips] = (forward[slips] != 0.0).any(axis=1)
         self._grows = np.flatnonzero(self._whole)
-        none_grew, self.exhausted = self._nowhere(grew, self._whole)
+        sticks = slips & self._whole & (reached < _STUCK * length)
+        self._sticks = np.flatnonzero(sticks)
+        none_grew, self.exhausted, all_slip = self._nowhere(grew, self._whole, sticks)
+        self._some_stick = not all_slip
         self._none_grew = none_grew
         self._go(forward if none_grew else np.where(grew[:, None], forward, 0.0))
         self._opened = [np.zeros(len(grew))] * 2
@@ -260,7 +269,14 @@ class GrowthLimit:
     def _ends(self, a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
         """Between which s the jumps a + s b of all points, shape (n, components), may be."""
         ends = roots(a[self._grows], b[self._grows], self._opening_after(self._growth))
-        return self._within(*ends)
+        low, high = self._within(*ends)
+        if self._some_stick:
+            first = self._growth * _FIRST_SLIP * self._length[self._sticks]
+            below, above = roots(a[self._sticks], b[self._sticks], first)
+            own = -below.min(initial=np.inf), above.max(initial=-np.inf)
+            below, above = self._points.largest(np.array(own)).tolist()
+            low, high = max(low, -below), min(high, above)
+        return low, high
 
     def _within(self, low: np.ndarray, high: np.ndarray) -> tuple[float, float]:
         """What the intervals of all bonds have in common, as low and high end."""
@@ -272,7 +288,12 @@ class GrowthLimit:
         """Share of what a step may do that jumps of all points use."""
         reached, length = self._reached[self._grows], self._length[self._grows]
         grown = (_opening(jumps[self._grows]) - reached) / length
-        return float(self._points.largest(grown.max(initial=-np.inf))) / self._growth
+        used = float(self._points.largest(grown.max(initial=-np.inf))) / self._growth
+        if self._some_stick:
+            slipped = _opening(jumps[self._sticks]) / (_FIRST_SLIP * self._length[self._sticks])
+            least = -float(self._points.largest(-slipped.min(initial=np.inf)))
+            used = max(used, least / self._growth)
+        return used
 
     def _opening_after(self, growth: float) -> np.ndarray:
         """Opening (m) of each bond that is left after a growth."""

@@ -151,6 +151,7 @@ class PointTangents:
         source: of each group, shape (n, components), g (N s).
         response: of each group, shape (n, components), S(u, r) (N s).
         held: of each group, shape (n,), whether the impulse is a multiplier.
+        proximal: p of these springs.
     """
 
     def __init__(self, interactions: Interactions):
@@ -162,6 +163,7 @@ class PointTangents:
         self.response = [np.zeros(shape) for shape in shapes]
         self.held = [np.zeros(shape[0], bool) for shape in shapes]
         self._approach = [np.zeros(shape[0]) for shape in shapes]
+        self.proximal = 1.0
 
     def linearise(
         self, velocity: np.ndarray, least: float, proximal: float, convex: bool = False
@@ -198,6 +200,7 @@ class PointTangents:
         return any(np.any(held[approach > 0.0]) for approach, held in closed)
 
     def _linearise(self, velocity: np.ndarray, least: float, proximal: float) -> None:
+        self.proximal = proximal
         for number, g in enumerate(self._interactions.groups):
             n, tangents = g.kernels.components, _tangent_kernel(g.kernels, g.sides)
             springs = tuple(

@@ -12,7 +12,8 @@ there, and bonds then do less than they may. A state at t1 in which they do more
 back, is not taken; then, and where the load falls too far, bonds may do less in the step. Where no
 load is found at all, as where all that opens is broken or pressed, the step goes up to t1, and less
 far as bonds may do less. So it does on a path that has gone up where loads turn or stand still,
-from the last step to t1: bonds then close as the loads say. Time in which no load moves does not
+from the last step to t1, and where a step has passed by such a turn, so that bonds would open on
+towards the load before it: bonds then close as the loads say. Time in which no load moves does not
 count where a step passes it by (`bulk/loading.py`).
 """
 
@@ -94,18 +95,12 @@ class PathStep:
                 turned = path.loads_turn and path.last_rise >= 0.0
                 last = path.coasts or path.share <= AT_LAST
                 if limit.idle or turned or not in_reach or last:
-                    part = min(path.share * self._longest, rise)
-                    back = bool(limit.idle) or turned
-                    if (part, back) in path.refused:
-                        return outcome, size
-                    there = self._to(state.time + part if part < rise else self._last, None)
-                    if self._may_be(there, part, back):
-                        path.idles = True
-                        return there, part
-                    path.refused.add((part, back))
+                    found = self._part_of(rise, back=bool(limit.idle) or turned)
+                    return found or (outcome, size)
                 return outcome, size
             if in_reach:
-                return outcome, size
+                found = self._part_of(rise, back=True) if self._passed_a_turn(change) else None
+                return found or (outcome, size)
             if change > 0.0:
                 there = self._to(self._last, outcome.state.velocity * (size / change))
                 if self._may_be(there, rise, back=False):
@@ -113,6 +108,34 @@ class PathStep:
             path.shorten((rise if change > 0.0 else -self._longest) / change)
         path.loads_turn = self._loads_turn()
         return outcome._replace(converged=False, failure=_TOO_FAR), size
+
+    def _part_of(self, rise: float, back: bool) -> tuple[StepOutcome, float] | None:
+        """As `attempt`, to a given load that no bond asks for; None if it may not be.
+
+        Args:
+            rise: by how much the load may change (s).
+            back: as of `_may_be`.
+        """
+        path = self._path
+        part = min(path.share * self._longest, rise)
+        if (part, back) in path.refused:
+            return None
+        there = self._to(self._state.time + part if part < rise else self._last, None)
+        if self._may_be(there, part, back):
+            path.idles = True
+            return there, part
+        path.refused.add((part, back))
+        return None
+
+    def _passed_a_turn(self, change: float) -> bool:
+        """Whether loads have turned in the last step, so that they rise on towards before it.
+
+        A bond that opens on would lead back there, up to the largest load and no further.
+        """
+        path, now = self._path, self._state.time
+        if not change < 0.0 < path.last_rise:
+            return False
+        return self._scheme.loading.go_on(now - path.last_rise, now, now + change)
 
     def _loads_turn(self) -> bool:
         """Whether loads turn or stand still from the last step to where this one may go."""
