@@ -290,7 +290,7 @@ class Bulk:
     def elastic_energy(self, displacement: np.ndarray, internal: np.ndarray) -> float:
         """Stored energy of this rank's bodies (J; 2D: J/m) where internal forces are known."""
         if self.linear:
-            return float(0.5 * displacement @ internal)
+            return self.own_dot(0.5 * displacement, internal)
         return self.forms.assemble_energy(self.unknowns.expand(displacement))
 
     def commit(self, state: State, impulses: np.ndarray, step: float) -> None:
@@ -311,7 +311,11 @@ class Bulk:
 
     def dot(self, a: np.ndarray, b: np.ndarray) -> float:
         """Inner product of vectors of unknowns over all ranks, each unknown counted once."""
-        return self.ranks.sum(float(a @ b))
+        return self.ranks.sum(self.own_dot(a, b))
+
+    def own_dot(self, a: np.ndarray, b: np.ndarray) -> float:
+        """What this rank counts of `dot`."""
+        return float(a @ b)
 
     @property
     def num_dofs_of_all(self) -> int:
