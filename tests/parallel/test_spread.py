@@ -24,7 +24,7 @@ pytestmark = pytest.mark.ranks
 RANKS = 3
 # Vertices alone with fields of positions, of order 2, that split at finite strain, Gauss points
 # of blocks there, walls, also beside vertices that split, and bonds that lag in space.
-SCENES = ("scattered", "quadratic", "spun", "blocks", "fall", "turning_dropped", "space")
+SCENES = ("scattered", "quadratic", "spun", "blocks", "fall", "turning_dropped", "space", "tied")
 
 
 @pytest.fixture(scope="module")
