@@ -224,7 +224,7 @@ def tied():
 
 
 def bridged():
-    """Two boxes in space, each one body, which only a tie joins: nodes of a fine one on a coarse."""
+    """Two boxes in space, each one body, which only a tie by nodes joins."""
     corners = [[(0.0, 0.0, 0.0), (0.5, 1.0, 1.0)], [(0.5, 0.0, 0.0), (1.0, 1.0, 1.0)]]
     halves = [create_box(MPI.COMM_SELF, c, (2, 2 + n, 2 + n)) for n, c in enumerate(corners)]
     mesh, tags = meshed_scenes.unmatched(
