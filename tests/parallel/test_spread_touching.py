@@ -23,8 +23,9 @@ pytestmark = pytest.mark.ranks
 # fragment, and ranks without a surface. Beside rigid bodies: joints, clusters of cells that split,
 # discs that meet, an anvil and a floor, solids in space, a disc that flies to another rank's block.
 SCENES = {
-    2: ("split_cells", "heap", "breaking", "rammed", "split_struck", "pelted", "thrown"),
-    3: ("turning_cells", "breaking", "boxes", "slide", "held", "refused", "struck", "pelted",
+    2: ("split_cells", "heap", "breaking", "rammed", "split_struck", "pelted", "thrown",
+        "struck"),
+    3: ("turning_cells", "breaking", "boxes", "slide", "held", "refused", "pelted",
         "turning_split_struck"),
     4: ("one_end",),
 }  # fmt: skip
