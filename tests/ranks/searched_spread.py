@@ -119,7 +119,7 @@ def check(counts: tuple[int, ...], kind: str, bonded: bool) -> tuple[int, int]:
 
 def main() -> None:
     plane, fragments = check((5, 4), "crossed", True)
-    space, _ = check((3, 2, 2), "tetrahedron", False)
+    space, _ = check((3, 2, 2), "tetrahedron", True)
     print("searched", min(plane, space), fragments, flush=True)
 
 

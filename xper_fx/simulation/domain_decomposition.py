@@ -127,10 +127,6 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
                 and not splits_beside_rigid_bodies(scene),
             ),
             (
-                "bonds beside contacts that are searched in space on a mesh that is spread",
-                touching and spread and scene.dim == 3 and _has_bonds(scene, team),
-            ),
-            (
                 "fewer bodies than ranks",
                 (touching or scene.ties) and scene.bodies.counts[0] < team.size,
             ),
@@ -156,9 +152,3 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
 
 def _name(solver: str | Solver) -> str:
     return solver.name if isinstance(solver, Solver) else solver
-
-
-def _has_bonds(scene: Scene, team: Ranks) -> bool:
-    """Whether a law joins some facing facets, on any rank."""
-    _, law_of_facet = scene.law_of_facet()
-    return team.max(float((law_of_facet >= 0).any())) > 0.0
