@@ -8,31 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from xper_fx.nscd.points import InteractionPoints
+from xper_fx.nscd.mortar import TiedPoints
 from xper_fx.parallel.ownership import owners_of_pairs, phases
 from xper_fx.parallel.shared_points import SharedPoints
 from xper_fx.support.ranks import Ranks
-
-
-class TiedPoints(NamedTuple):
-    """Points of a tie: those of all ranks, or what `share_ties` has left of them for one."""
-
-    points: InteractionPoints  #: on nodes that are rows of the last two arrays
-    x: np.ndarray  #: shape (num_points, dim), where they are (m)
-    #: shape (num_points, 2), candidate and antagonist, by numbers that all ranks have alike
-    bodies: np.ndarray
-    node: np.ndarray  #: shape (num_nodes,), numbers of nodes on their ranks
-    rank: np.ndarray  #: shape (num_nodes,), ranks of nodes
-
-    def take(self, which: np.ndarray) -> TiedPoints:
-        """Some of the points."""
-        return self._replace(
-            points=self.points.take(which), x=self.x[which], bodies=self.bodies[which]
-        )
-
-    def on(self, nodes: np.ndarray) -> TiedPoints:
-        """The points on nodes that `nodes`, shape (num_nodes,), has in the places of these."""
-        return self._replace(points=self.points.on(nodes))
 
 
 class SharedTies(NamedTuple):

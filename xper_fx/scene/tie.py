@@ -10,8 +10,7 @@ import numpy as np
 
 from xper_fx.bodies.meshes import facet_cells, midpoints_of
 from xper_fx.nscd.laws.law import Law
-from xper_fx.nscd.mortar import RULES, nonmatching_points
-from xper_fx.parallel.shared_ties import TiedPoints
+from xper_fx.nscd.mortar import RULES, TiedPoints, nonmatching_points
 from xper_fx.scene.facet_laws import require_law
 from xper_fx.support.checks import require_integer
 

@@ -44,9 +44,9 @@ if TYPE_CHECKING:
     from xper_fx.bulk.explicit import ExplicitScheme
     from xper_fx.bulk.implicit import ImplicitScheme
     from xper_fx.bulk.rigid_only import EmptyScheme
+    from xper_fx.nscd.mortar import TiedPoints
     from xper_fx.nscd.rigid.motion import RigidMotion
     from xper_fx.parallel.local_bodies import LocalBodies
-    from xper_fx.parallel.shared_ties import TiedPoints
     from xper_fx.simulation.accuracy_control import AccuracyControl
     from xper_fx.simulation.contact_detection import Detection
     from xper_fx.simulation.healing import Healing

@@ -21,9 +21,9 @@ from xper_fx.nscd.points import InteractionPoints
 if TYPE_CHECKING:
     from xper_fx.bulk.bulk import Bulk
     from xper_fx.nscd.inverse_blocks import BodyInverse
+    from xper_fx.nscd.mortar import TiedPoints
     from xper_fx.parallel.halo import Halo
     from xper_fx.parallel.local_bodies import LocalBodies
-    from xper_fx.parallel.shared_ties import TiedPoints
     from xper_fx.scene.scene import Scene
     from xper_fx.simulation.contact_detection import Detection
 
