@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Scenes on several ranks against the same on one; the parts that divide them."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -265,6 +266,20 @@ def test_what_fails_at_the_root_fails_on_all():
     done = on_new_ranks(3, "ranks/errors.py", "root")
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("no space") == 3
+
+
+@pytest.mark.ranks
+def test_many_ranks_agree_as_few_do():
+    """Up and down a tree: the same bits on all ranks, and what is no number is not passed by."""
+    done = on_new_ranks(3, "ranks/reductions.py", timeout=60)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    values = [np.random.default_rng(rank).normal(size=(3, 2)) for rank in range(3)]
+    assert told["alike"]
+    for total, largest, holed, *plain in told["found"]:
+        np.testing.assert_allclose(total, np.sum(values, axis=0), rtol=1e-14)
+        np.testing.assert_array_equal(largest, np.max(values, axis=0))
+        assert np.isnan(holed).all() and plain == [3.0, 2.0, True, False]
 
 
 @pytest.mark.ranks

@@ -284,15 +284,14 @@ class Bulk:
         return 0.0 if self.damping is None else self.damping.force(velocity)
 
     def kinetic_energy(self, velocity: np.ndarray) -> float:
-        """v . M . v / 2 (J; 2D: J/m); 0 without inertia."""
-        return 0.0 if self.inertia is None else self.ranks.sum(self.inertia.energy(velocity))
+        """v . M . v / 2 of this rank's bodies (J; 2D: J/m); 0 without inertia."""
+        return 0.0 if self.inertia is None else self.inertia.energy(velocity)
 
     def elastic_energy(self, displacement: np.ndarray, internal: np.ndarray) -> float:
-        """Stored energy (J; 2D: J/m) at a displacement whose internal forces are known."""
+        """Stored energy of this rank's bodies (J; 2D: J/m) where internal forces are known."""
         if self.linear:
-            # each rank's share by itself: of others the step may have found it (`StepOutcome.held`)
-            return self.dot(0.5 * displacement, internal)
-        return self.ranks.sum(self.forms.assemble_energy(self.unknowns.expand(displacement)))
+            return float(0.5 * displacement @ internal)
+        return self.forms.assemble_energy(self.unknowns.expand(displacement))
 
     def commit(self, state: State, impulses: np.ndarray, step: float) -> None:
         """End the step, with the state there and impulses of interactions (N s)."""

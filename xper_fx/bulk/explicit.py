@@ -213,10 +213,11 @@ class ExplicitScheme:
         bulk.forms.set_step(step)
         with watch.phase("energy"):
             end = self._end(state, velocity, halfway, step, length)
-            shadow_at_end = -0.25 * step * bulk.ranks.sum(end.power)
+            power, failed = bulk.ranks.sum(np.array([end.power, not converged])).tolist()
+            shadow_at_end = -0.25 * step * power
         self._left, self._free = _Left(end, step, shadow_at_end), end.free
         # what is not finite is so in the sums too
-        converged = bulk.ranks.all(converged and math.isfinite(shadow + shadow_at_end))
+        converged = failed == 0.0 and math.isfinite(shadow + shadow_at_end)
         return StepOutcome(
             State(state.time + step, end.displacement, velocity, end.forces), slots, impulses,
             Supports(dofs, reactions), force_impulse, viscous, sweeps, error, traction, 1, 0.0,

@@ -312,21 +312,28 @@ def stretching_kernel(dim: int):
     return stretched
 
 
-@intrinsic
-def prefetch(context, array, index):
-    """Let the cache line of an entry of an array come from memory meanwhile."""
+if config.DISABLE_JIT:
 
-    def generate(context, builder, signature, arguments):
-        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
-        kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
-        prefetch = builder.module.declare_intrinsic("llvm.prefetch", (byte,), kind)
-        line = builder.bitcast(builder.gep(data, [arguments[1]]), byte)
-        # data, to be read, to be kept in all caches
-        builder.call(prefetch, [line, word(0), word(3), word(1)])
-        return context.get_dummy_value()
+    def prefetch(array, index):
+        """Nothing: no cache is waited for where the Python source runs."""
 
-    return types.none(array, index), generate
+else:
+
+    @intrinsic
+    def prefetch(context, array, index):
+        """Let the cache line of an entry of an array come from memory meanwhile."""
+
+        def generate(context, builder, signature, arguments):
+            data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+            byte, word = ir.IntType(8).as_pointer(), ir.IntType(32)
+            kind = ir.FunctionType(ir.VoidType(), [byte, word, word, word])
+            prefetch = builder.module.declare_intrinsic("llvm.prefetch", (byte,), kind)
+            line = builder.bitcast(builder.gep(data, [arguments[1]]), byte)
+            # data, to be read, to be kept in all caches
+            builder.call(prefetch, [line, word(0), word(3), word(1)])
+            return context.get_dummy_value()
+
+        return types.none(array, index), generate
 
 
 @cache
@@ -338,7 +345,7 @@ def fetch_kernel(sides: Sides, blocks: Blocks):
     by themselves after the first.
     """
     count = sides.dim * blocks.size  # entries of w that a node's impulse meets
-    if not 0 < blocks.size <= _VECTOR_DOFS or config.DISABLE_JIT:
+    if not 0 < blocks.size <= _VECTOR_DOFS:
 
         @njit(inline="always")
         def fetch(v, c, i):

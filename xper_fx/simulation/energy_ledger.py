@@ -129,11 +129,12 @@ class EnergyLedger:
         self._bulk, self._theta, self._explicit = bulk, theta, explicit
         self._static, self._viscous_bonds = bulk.inertia is None, viscous_bonds
         self._heals = heals
-        self.energies = Energies(
-            kinetic=bulk.kinetic_energy(state.velocity) + (rigid.kinetic if rigid else 0.0),
-            elastic=bulk.elastic_energy(state.displacement, state.internal),
-            cohesive=stored,
+        kinetic, elastic = self._of_all(
+            bulk.kinetic_energy(state.velocity),
+            bulk.elastic_energy(state.displacement, state.internal),
         )
+        kinetic += rigid.kinetic if rigid else 0.0
+        self.energies = Energies(kinetic=kinetic, elastic=elastic, cohesive=stored)
         self._at_start = self.energies.held_and_lost
         self._last_step = self._entered = 0.0  # of the last: all that was given and held, summed
 
@@ -191,38 +192,39 @@ class EnergyLedger:
         """
         after = outcome.state
         nodal, held = self._bulk.unknowns.num_nodes * self._bulk.dim, borne
-        work = self._bulk.ranks.sum(self._work_on_nodes(before, outcome, step, borne))
+        energies = outcome.held or (
+            self._bulk.kinetic_energy(after.velocity),
+            self._bulk.elastic_energy(after.displacement, after.internal),
+        )
+        lost = self._bulk.forms.assemble_dissipation(self._bulk.unknowns.expand(after.displacement))
+        viscous, force = lost.get("viscous", 0.0), outcome.viscous
+        if isinstance(force, np.ndarray):
+            if self._static:
+                force = 0.5 * (force + self._bulk.viscous(before.velocity))
+            viscous += float((after.displacement - before.displacement) @ force)
+        work, kinetic, elastic, viscous, plastic, damped = self._of_all(
+            self._work_on_nodes(before, outcome, step, borne), *energies, viscous,
+            lost.get("plastic", 0.0), self._damped(before, after),
+        )  # fmt: skip
         if nodal < len(after.displacement):  # of a periodic cell, whose bonds bear couples
             stresses = 0.5 * (before.internal[nodal:] + after.internal[nodal:])
             borne = outcome.impulses[nodal:] / step
             stresses -= 0.5 * (borne + self._bulk.borne) if self._static else borne
             moved = after.displacement[nodal:] - before.displacement[nodal:]
             work += float(moved @ stresses)  # every rank has all of it
-        if outcome.held is None:
-            kinetic = self._bulk.kinetic_energy(after.velocity)
-            elastic = self._bulk.elastic_energy(after.displacement, after.internal)
-        else:
-            kinetic, elastic = map(self._bulk.ranks.sum, outcome.held)
         if rigid is not None:
             kinetic += rigid.kinetic
             work += rigid.loads + rigid.prescribed
-        total = self._bulk.ranks.sum
-        lost = self._bulk.forms.assemble_dissipation(self._bulk.unknowns.expand(after.displacement))
-        viscous = total(lost.get("viscous", 0.0))
-        if isinstance(outcome.viscous, np.ndarray):
-            force = outcome.viscous
-            if self._static:
-                force = 0.5 * (force + self._bulk.viscous(before.velocity))
-            viscous += total(float((after.displacement - before.displacement) @ force))
+            damped += rigid.scheme
         return BulkEnergies(
             work,
             kinetic,
             elastic,
             kinetic - self.energies.kinetic,
             elastic - self.energies.elastic,
-            total(lost.get("plastic", 0.0)),
+            plastic,
             viscous,
-            self._damped(before, outcome, rigid),
+            damped,
             *(self._of_static_step(before, outcome, step, held, rigid) if self._static else ()),
         )
 
@@ -264,19 +266,20 @@ class EnergyLedger:
         led = abs(driven) + abs(self._bulk.ranks.sum(float(moved @ change)))
         return float(last), float(now), led
 
-    def _damped(self, before: State, outcome: StepOutcome, rigid: RigidWork | None) -> float:
-        """What the scheme takes in a step above theta = 1/2 (J; 2D: J/m)."""
-        after, excess = outcome.state, self._theta - 0.5
-        damped = 0.0 if rigid is None else rigid.scheme
-        if excess > 0.0 and not self._static:
-            moved = after.displacement - before.displacement
-            change = after.velocity - before.velocity
-            nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
-            strained = moved[:nodal] @ (after.internal - before.internal)[:nodal]
-            damped += excess * float(
-                2.0 * self._bulk.kinetic_energy(change) + self._bulk.ranks.sum(strained)
-            )
-        return damped
+    def _damped(self, before: State, after: State) -> float:
+        """What the scheme takes of this rank's bodies in a step, for theta > 1/2 (J; 2D: J/m)."""
+        excess = self._theta - 0.5
+        if excess <= 0.0 or self._static:
+            return 0.0
+        moved = after.displacement - before.displacement
+        change = after.velocity - before.velocity
+        nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
+        strained = moved[:nodal] @ (after.internal - before.internal)[:nodal]
+        return excess * float(2.0 * self._bulk.kinetic_energy(change) + strained)
+
+    def _of_all(self, *energies: float) -> list[float]:
+        """Energies of all ranks' bodies from those of this rank's, in one message."""
+        return self._bulk.ranks.sum(np.array(energies)).tolist()
 
     def record(
         self, outcome: StepOutcome, step: float, bulk: BulkEnergies, work: StepWork | None

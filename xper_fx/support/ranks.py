@@ -2,7 +2,8 @@
 """Ranks that simulate a scene together, and what they have to agree on.
 
 Sums are made in the order of the ranks, on every rank: all get the same bits, so that decisions
-(cut a step, stop a solver) are the same everywhere without being told.
+(cut a step, stop a solver) are the same everywhere without being told. Of very many ranks they go
+up a tree to the first one, and what it has found goes down to all.
 """
 
 from __future__ import annotations
@@ -12,6 +13,18 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
+
+# Ranks up to which each has the values of all, and adds them up itself.
+_FEW = 64
+
+
+def _larger(given, found, _) -> None:
+    """The larger of doubles, or NaN where one is, which MPI_MAX may pass by."""
+    found = np.frombuffer(found)
+    np.maximum(np.frombuffer(given), found, out=found)
+
+
+_LARGEST = MPI.Op.Create(_larger, commute=True)
 
 
 class Ranks:
@@ -31,11 +44,21 @@ class Ranks:
 
     def sum(self, value):
         """Sum of numbers, or of arrays of one shape, in double precision."""
-        return value if self.alone else _plain(self._of_all(value).sum(axis=0))
+        return value if self.alone else _plain(self._reduced(value, np.add, MPI.SUM))
 
     def max(self, value):
         """Largest of numbers, or of arrays of one shape entry by entry, in double precision."""
-        return value if self.alone else _plain(self._of_all(value).max(axis=0))
+        return value if self.alone else _plain(self._reduced(value, np.maximum, _LARGEST))
+
+    def _reduced(self, value, here: np.ufunc, on_the_way: MPI.Op) -> np.ndarray:
+        """The values of all ranks as one, made here or on their way through the tree."""
+        if self.size <= _FEW:
+            return here.reduce(self._of_all(value), axis=0)
+        own = np.ascontiguousarray(value, np.float64)
+        found = np.empty(np.shape(value))
+        self.comm.Reduce(own, found, on_the_way)
+        self.comm.Bcast(found)
+        return found
 
     def _of_all(self, value) -> np.ndarray:
         """The values of all ranks, in their order.
@@ -58,7 +81,9 @@ class Ranks:
 
     def all(self, condition) -> bool:
         """Whether something holds on all ranks."""
-        return bool(condition) if self.alone else bool(self._of_all(condition).all())
+        if self.alone:
+            return bool(condition)
+        return bool(self._reduced(not condition, np.maximum, _LARGEST) == 0.0)
 
     def together(self, call: Callable[[], Any]) -> Any:
         """Let each rank do something; what the first that fails raises is raised on all.

@@ -29,6 +29,11 @@ from xper_fx.cache import njit
 
 # Orthomin stalls if |r| stays above a share of what it was so many iterations before.
 _PATIENCE, _STALLED = 5, 0.8
+# Share of |y|^2 that images kept do not explain, below which it is rounding.
+_ALIKE = 1e-10
+# Entries of a vector that stay in the first cache beside those of others. Where their numbers are
+# unsigned (`np.uintp`) loops over them are made of vectors.
+_PIECE = 1024
 
 
 @njit(fastmath=True, error_model="numpy", _nrt=False, nogil=True)
@@ -46,11 +51,10 @@ def products(rows, count, x, out):
 
     As a kernel: threads of a BLAS wait for each other at every call, dearly on a busy machine.
     """
-    n, piece = len(x), 4096
     for j in range(count):
         out[j] = 0.0
-    for first in range(0, n, piece):
-        last = min(first + piece, n)
+    for piece in range(0, len(x), _PIECE):
+        first, last = np.uintp(piece), np.uintp(min(piece + _PIECE, len(x)))
         j = 0
         while j + 4 <= count:
             a, b, c, d = 0.0, 0.0, 0.0, 0.0
@@ -76,10 +80,9 @@ def products(rows, count, x, out):
 @njit(fastmath=True, error_model="numpy", _nrt=False, nogil=True)
 def add_combination(rows, count, factors, x):
     """x += sum_j factors_j rows_j for the first rows; returns |x|."""
-    n, piece = len(x), 4096
     square = 0.0
-    for first in range(0, n, piece):
-        last = min(first + piece, n)
+    for piece in range(0, len(x), _PIECE):
+        first, last = np.uintp(piece), np.uintp(min(piece + _PIECE, len(x)))
         j = 0
         while j + 4 <= count:
             a, b, c, d = factors[j], factors[j + 1], factors[j + 2], factors[j + 3]
@@ -99,52 +102,52 @@ def add_combination(rows, count, factors, x):
 
 
 @njit(fastmath=True, error_model="numpy", _nrt=False, nogil=True)
-def _make_orthogonal(images, directions, kept, factors, new, residual):
-    """Take shares of kept rows off the new ones; |y|^2 of the new image, and y . r."""
-    y, z = images[new], directions[new]
-    n, piece = len(residual), 4096
-    square, along = 0.0, 0.0
-    for first in range(0, n, piece):
-        last = min(first + piece, n)
-        for k in range(len(kept)):
-            j, factor = kept[k], factors[k]
-            for i in range(first, last):
-                y[i] -= factor * images[j, i]
-                z[i] -= factor * directions[j, i]
-        for i in range(first, last):
-            square += y[i] * y[i]
-            along += y[i] * residual[i]
-    return square, along
+def _shares(images, kept, squares, new, residual, out):
+    """out_k = y_k . y / |y_k|^2 of kept images and the new one; y . r / |y - sum out_k y_k|^2.
 
-
-@njit(fastmath=True, error_model="numpy", _nrt=False, nogil=True)
-def _shares(images, kept, squares, new, out):
-    """out_k = y_k . y / |y_k|^2 of kept images and the new one."""
+    The latter is NaN where y is one of the others but for rounding.
+    """
     y = images[new]
-    n, piece = len(y), 4096
+    square, along = 0.0, 0.0
     for k in range(len(kept)):
         out[k] = 0.0
-    for first in range(0, n, piece):
-        last = min(first + piece, n)
+    for piece in range(0, len(residual), _PIECE):
+        first, last = np.uintp(piece), np.uintp(min(piece + _PIECE, len(residual)))
         for k in range(len(kept)):
             j, total = kept[k], 0.0
             for i in range(first, last):
                 total += images[j, i] * y[i]
             out[k] += total
+        for i in range(first, last):
+            square += y[i] * y[i]
+            along += y[i] * residual[i]
+    own = square
     for k in range(len(kept)):
+        shared = out[k]
         out[k] /= squares[kept[k]]
+        own -= out[k] * shared
+    return along / own if own > _ALIKE * square else np.nan
 
 
 @njit(fastmath=True, error_model="numpy", _nrt=False, nogil=True)
-def _go_along(factor, direction, image, solution, residual):
-    """x += factor z, r -= factor y; |r|."""
-    square = 0.0
-    for i in range(len(residual)):
-        solution[i] += factor * direction[i]
-        value = residual[i] - factor * image[i]
-        residual[i] = value
-        square += value * value
-    return np.sqrt(square)
+def _go_along(images, directions, kept, shares, new, factor, solution, residual):
+    """Take shares of kept rows off the new ones; x += factor z, r -= factor y; |y|^2 and |r|."""
+    y, z = images[new], directions[new]
+    square, left = 0.0, 0.0
+    for piece in range(0, len(residual), _PIECE):
+        first, last = np.uintp(piece), np.uintp(min(piece + _PIECE, len(residual)))
+        for k in range(len(kept)):
+            j, share = kept[k], shares[k]
+            for i in range(first, last):
+                y[i] -= share * images[j, i]
+                z[i] -= share * directions[j, i]
+        for i in range(first, last):
+            solution[i] += factor * z[i]
+            value = residual[i] - factor * y[i]
+            residual[i] = value
+            square += y[i] * y[i]
+            left += value * value
+    return square, np.sqrt(left)
 
 
 def orthomin(
@@ -180,14 +183,13 @@ def orthomin(
         new = done % most
         kept = np.array([j for j in range(min(done, most)) if j != new], np.int64)
         precondition(residual, directions[new], images[new])
-        _shares(images, kept, squares, new, shares)
-        squares[new], along = _make_orthogonal(images, directions, kept, shares, new, residual)
-        if not np.isfinite(squares[new]):
+        factor = _shares(images, kept, squares, new, residual, shares)
+        if not np.isfinite(factor):
             return done, np.inf
-        if squares[new] == 0.0:
-            break
-        factor = along / squares[new]
-        sizes.append(_go_along(factor, directions[new], images[new], solution, residual))
+        squares[new], size = _go_along(
+            images, directions, kept, shares, new, factor, solution, residual
+        )
+        sizes.append(size)
         done += 1
     return done, sizes[-1]
 

@@ -99,10 +99,10 @@ class DistributedSweeps(Solver):
         halo.everywhere.forward(velocity)
         report = self._vertices.solve(interactions, velocity, options)
         halo.corners.back(velocity)
-        numbers = np.array([report.sweeps, report.residual, report.traction_change])
-        sweeps, residual, traction = halo.ranks.max(numbers).tolist()
-        converged = halo.ranks.all(report.converged)
-        return SolveReport(converged, int(sweeps), residual, traction, "distributed")
+        sweeps, residual, traction, failed = halo.ranks.max(
+            np.array([report.sweeps, report.residual, report.traction_change, not report.converged])
+        ).tolist()
+        return SolveReport(failed == 0.0, int(sweeps), residual, traction, "distributed")
 
     def kept(self) -> list[object]:
         """What is kept of vertices."""

@@ -56,6 +56,7 @@ from xper_fx.nscd.couplings import (
     lever_arm_kernels,
     point_force,
     point_velocity,
+    prefetch,
     spread_kernel,
 )
 from xper_fx.nscd.interactions import Interactions
@@ -82,8 +83,9 @@ _RIGID = 6000
 DIRECT, MANY = {2: 40_000, 3: 12_000}, 40
 # Pivot, relative to the largest entry, at which a block counts as singular.
 _SINGULAR = 1e-13
-# Entries of blocks that stay in the cache while they are made.
-_IN_CACHE = 50_000
+# Entries of blocks that stay in the cache while they are made; how far ahead of their use they are
+# fetched, as sweeps wait for memory else; and entries of a line of the cache.
+_IN_CACHE, _AHEAD, _LINE = 50_000, np.uintp(1024), np.uintp(8)
 
 _KERNEL = njit(fastmath={"contract"}, nogil=True, **LEAN_ENTRY)
 
@@ -576,6 +578,8 @@ def _cluster_sweep(dim: int):
                 found[i] = 0.0
             for j in range(n):
                 factor = left[j]
+                prefetch(blocks, line + _AHEAD)
+                prefetch(blocks, line + _AHEAD + _LINE)
                 for i in range(n):
                     found[i] += factor * blocks[line + i]
                 line += n

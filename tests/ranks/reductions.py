@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What ranks agree on, by all to all and up and down a tree."""
+
+import json
+
+import numpy as np
+from mpi4py import MPI
+
+from xper_fx.support import ranks
+
+team, found = ranks.Ranks(MPI.COMM_WORLD), []
+values = np.random.default_rng(team.rank).normal(size=(3, 2))
+holed = np.where(team.rank == 1, np.nan, values)
+for ranks._FEW in (64, 1):
+    found.append(
+        [
+            team.sum(values).tolist(), team.max(values).tolist(), team.max(holed).tolist(),
+            team.sum(team.rank), team.max(team.rank), team.all(True), team.all(team.rank != 1),
+        ]
+    )  # fmt: skip
+told = team.comm.allgather(repr(found))
+if team.rank == 0:
+    print(json.dumps({"found": found, "alike": len(set(told)) == 1}))
