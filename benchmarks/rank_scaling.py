@@ -1,28 +1,31 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """How a notched plate scales with the number of ranks, and what more ranks would give.
 
-    ./fenicsx python3 benchmarks/rank_scaling.py
+    ./fenicsx python3 benchmarks/rank_scaling.py [--cells 160] [--model 64 256 1024]
 
 Each number of ranks is a process group of its own (`mpirun -n N`), one thread a rank:
 
+- *apart*: as many runs on one rank, side by side: what cores that share a memory leave of each
+  other's time, without any message;
 - *strong*: the plate stays, ranks share it;
 - *weak*: the number of cells a rank stays.
 
 For the explicit bulk with vertices solved alone and for the implicit bulk with sweeps it prints the
-time of a step, the part of it spent in exchanges and sums over ranks (waiting for others included),
-messages and bytes. More ranks than cores share the cores, so that times then say nothing.
+median time of a step, the part of it spent in exchanges and sums over ranks (waiting for others
+included), how many they are, and bytes. More ranks than cores share the cores, so that times then
+say nothing.
 
 The model: a step of n points on P ranks takes
 
-    t = (w n / P) b + m (l + c) + s / v,
+    t = w n b / P + x (c + l k) + s (d + 2 l log2 P) + v / B,
 
-w: time of a point measured on one rank, b: imbalance of the partition; m: messages that a rank
-sends or waits for in a step, s: bytes; l, v: latency and bandwidth between ranks (assumed: 2 us
-and 10 GB/s, an InfiniBand network); c: what an exchange or a sum costs in software and in waiting
-for the other, the mean over a step of two ranks here, so that the model is rather pessimistic.
-m, s and b come from the partition of the plate itself for P ranks, whose cuts grow with
-(n P)^(1/2) in the plane: the graph of bodies is divided for 64 and 1024 ranks here, nothing is
-extrapolated.
+w: least time of a point on one rank; b: imbalance of the partition; x, s: exchanges and sums of a
+step; c, d: what they cost in software, measured on two ranks that begin one together, so that
+nobody waits; k: neighbours of a rank, whose messages are counted one after another; v: bytes that a
+rank sends; l, B: latency and bandwidth between ranks (assumed: 2 us and 10 GB/s, an InfiniBand
+network). b, k, v and the phases of sweeps come from a plate of 10 000 points a rank that is divided
+for P ranks here: nothing of them is extrapolated. Of what ranks wait for each other the model knows
+the imbalance alone: other programs on their cores come on top.
 """
 
 from __future__ import annotations
@@ -47,70 +50,99 @@ from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.ranks import Ranks
 
 LATENCY, BANDWIDTH = 2e-6, 10e9
-WARM, STEPS = 3, 12
+WARM, STEPS, CALLS = 3, 40, 400
+POINTS = 10_000  # a rank, in the model
 
 
 class Clock:
     """Counts calls, bytes and seconds of what ranks exchange."""
 
     def __init__(self):
-        self.seconds, self.calls, self.bytes = 0.0, 0, 0
-        self._wrap(Exchange, "forward")
-        self._wrap(Exchange, "back")
-        self._wrap(Exchange, "add_back")
-        self._wrap(Ranks, "sum")
-        self._wrap(Ranks, "max")
+        self.exchanges = self.sums = 0
+        for name, returned in (("forward", False), ("back", True), ("add_back", True)):
+            self._wrap(Exchange, name, "exchanges", returned)
+        for name in ("sum", "max", "all"):
+            self._wrap(Ranks, name, "sums", False)
+        self.begin()
 
-    def _wrap(self, kind, name: str) -> None:
+    def begin(self) -> None:
+        """Count from here."""
+        self.seconds, self.exchanges, self.sums, self.bytes = 0.0, 0, 0, 0
+
+    def _wrap(self, kind, name: str, what: str, returned: bool) -> None:
         method = getattr(kind, name)
 
         def timed(this, *arguments):
             start = time.perf_counter()
             result = method(this, *arguments)
             self.seconds += time.perf_counter() - start
-            self.calls += 1
-            self.bytes += getattr(this, "bytes_sent", 8)
+            setattr(self, what, getattr(self, what) + 1)
+            if kind is Exchange:
+                self.bytes += this.bytes_returned if returned else this.bytes_sent
             return result
 
         setattr(kind, name, timed)
 
 
+def cost_of_call(ranks: Ranks, call) -> float:
+    """Median of the seconds of a call that all ranks begin together."""
+    taken = np.empty(CALLS)
+    for i in range(CALLS):
+        ranks.comm.Barrier()
+        start = time.perf_counter()
+        call()
+        taken[i] = time.perf_counter() - start
+    return ranks.max(float(np.median(taken)))
+
+
 def measure(cells: int, scheme: str) -> dict:
     """Steps of the plate on all ranks that were started."""
     clock = Clock()
-    start = time.perf_counter()
     simulation = Simulation(
         notched_plate(cells, "weak", homogeneous=True), scheme=scheme, tolerance=1e-3,
         solver="auto" if scheme == "explicit" else "nlgs", num_threads=1,
     )  # fmt: skip
-    set_up = time.perf_counter() - start
     step, ranks = simulation.step_size, simulation.ranks
     for _ in simulation.steps(WARM * step):
         pass
-    clock.seconds, clock.calls, clock.bytes = 0.0, 0, 0
-    cpu, wall, sweeps = time.process_time(), time.perf_counter(), 0
+    clock.begin()
+    sweeps, taken, start = 0, [], time.perf_counter()
     for record in simulation.steps((WARM + STEPS) * step):
         sweeps += record.sweeps
-    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
-    return {
+        taken.append(time.perf_counter() - start)
+        start = time.perf_counter()
+    found = {
         "ranks": ranks.size,
         "points": simulation.interactions.num_points,
-        "set_up": set_up,
-        "step": wall / STEPS,
-        "cpu": ranks.max(cpu) / STEPS,
-        "exchange": ranks.max(clock.seconds) / STEPS,
-        "calls": clock.calls / STEPS,
+        "step": float(np.median(taken)),
+        "least": min(taken),
+        "exchange": ranks.max(clock.seconds) / sum(taken),
+        "exchanges": clock.exchanges / STEPS,
+        "sums": clock.sums / STEPS,
         "bytes": ranks.max(clock.bytes) / STEPS,
         "sweeps": sweeps / STEPS,
     }
+    if not ranks.alone:
+        exchange = simulation.interactions.halo.everywhere
+        values, energies = np.zeros(2 * simulation.interactions.halo.num_slots + 2), np.zeros(4)
+        found["exchange_cost"] = cost_of_call(ranks, lambda: exchange.add_back(values))
+        found["sum_cost"] = cost_of_call(ranks, lambda: ranks.sum(energies))
+    return found
 
 
-def on_ranks(count: int, cells: int, scheme: str) -> dict:
+def start(count: int, cells: int, scheme: str) -> subprocess.Popen:
     """`measure` in a process group of its own."""
     command = ["mpirun", "--oversubscribe", "-n", str(count), sys.executable, __file__]
     command += ["--worker", "--cells", str(cells), "--scheme", scheme]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    return json.loads(done.stdout.splitlines()[-1])
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+
+
+def told(process: subprocess.Popen) -> dict:
+    """What a process that has ended was asked for."""
+    out, _ = process.communicate()
+    if process.returncode:
+        raise SystemExit(f"{process.args} ended with {process.returncode}.")
+    return json.loads(out.splitlines()[-1])
 
 
 def row(label: str, r: dict, one: dict, share: float) -> None:
@@ -118,41 +150,47 @@ def row(label: str, r: dict, one: dict, share: float) -> None:
     efficiency = one["step"] * share / r["step"]
     print(
         f"{label:24}{r['ranks']:3d} {r['points']:9d} {r['step'] * 1e3:9.2f} {efficiency:8.2f} "
-        f"{r['exchange'] / r['step']:8.2f} {r['calls']:8.0f} {r['bytes'] / 1e3:9.1f} "
-        f"{r['sweeps']:7.1f}"
-    )
+        f"{r['exchange']:8.2f} {r['exchanges']:9.1f} {r['sums']:6.1f} {r['bytes'] / 1e3:9.1f} "
+        f"{r['sweeps']:7.1f}", flush=True,
+    )  # fmt: skip
 
 
-def model(cells: int, one: dict, two: dict, scheme: str) -> None:
-    """What the model gives for the plate on many ranks, from steps of one rank and of two."""
-    call = two["exchange"] / two["calls"]
-    sums = two["calls"] - (2 * two["sweeps"] if scheme == "implicit" else 2)
-    scene = notched_plate(cells, "weak", homogeneous=True)
-    facets = scene.bodies.facets
-    points = 2 * len(facets)
-    work = one["step"] / one["points"] * points
+def model(counts: list[int], one: dict, two: dict, scheme: str) -> None:
+    """What the model gives for plates of `POINTS` a rank, from steps of one rank and of two."""
+    work = one["least"] / one["points"]
+    exchange, total = two["exchange_cost"], two["sum_cost"]
+    once = two["exchanges"] - (2 * two["sweeps"] if scheme == "implicit" else 0)
     print(
-        f"\nmodel, {scheme}: {points} points, {1e3 * work:.0f} ms a step on one rank, "
-        f"{1e6 * call:.0f} us an exchange or sum, of which {sums:.0f} sums a step"
+        f"\nmodel, {scheme}: {1e9 * work:.0f} ns a point; {1e6 * exchange:.1f} us an exchange, "
+        f"{1e6 * total:.1f} us a sum"
     )
-    print(f"{'ranks':>6} {'imbalance':>10} {'cut points':>11} {'messages':>9} {'kB':>8} "
-          f"{'step, ms':>9} {'efficiency':>11}")  # fmt: skip
-    for count in (4, 64, 1024):
+    print(f"{'ranks':>6} {'points':>10} {'imbalance':>10} {'cut facets':>11} {'neighbours':>11} "
+          f"{'exchanges':>10} {'sums':>6} {'kB':>8} {'step, ms':>9} {'effic.':>11}")  # fmt: skip
+    for count in counts:
+        cells = 20 * round((POINTS * count / 12) ** 0.5 / 20)
+        scene = notched_plate(cells, "weak", homogeneous=True)
+        facets = scene.bodies.facets
         rank_of_body = bodies_by_rank(scene.bodies, count)
         sides = rank_of_body[facets.bodies]
         cut = sides[:, 0] != sides[:, 1]
         load = np.bincount(owners_by_facet(facets, rank_of_body), minlength=count)
         at_cut = np.bincount(sides[cut].ravel(), minlength=count).max()
-        num_phases = int(phases(sides, count).max())
-        # six dofs of a triangle go there and back
-        messages, sent = 2 * num_phases, 2 * 48 * at_cut
+        pairs = np.unique(np.sort(sides[cut], axis=1), axis=0)
+        neighbours = np.bincount(pairs.ravel()).max()
+        exchanges, waits = once, once * (exchange + neighbours * LATENCY)
+        sent = once * 48 * at_cut  # six dofs of a triangle
         if scheme == "implicit":
-            messages, sent = messages * one["sweeps"], sent * one["sweeps"]
-        imbalance, waits = load.max() / load.mean(), messages * LATENCY
-        waits += sums * LATENCY * np.log2(count) + (messages + sums) * call
-        step = work / count * imbalance + waits + sent / BANDWIDTH
-        print(f"{count:6d} {imbalance:10.3f} {np.count_nonzero(cut) * 2:11d} {messages:9.0f} "
-              f"{sent / 1e3:8.0f} {1e3 * step:9.2f} {work / count / step:11.2f}")  # fmt: skip
+            in_phases = 2 * one["sweeps"] * phases(sides, count).max()
+            exchanges, waits = exchanges + in_phases, waits + in_phases * (exchange + LATENCY)
+            sent += 2 * one["sweeps"] * 48 * at_cut
+        waits += two["sums"] * (total + 2 * LATENCY * np.log2(count))
+        points, imbalance = 2 * len(facets), load.max() / load.mean()
+        step = work * points / count * imbalance + waits + sent / BANDWIDTH
+        print(
+            f"{count:6d} {points:10d} {imbalance:10.3f} {at_cut:11d} {neighbours:11d} "
+            f"{exchanges:10.0f} {two['sums']:6.0f} {sent / 1e3:8.0f} {1e3 * step:9.2f} "
+            f"{work * points / count / step:11.2f}", flush=True,
+        )  # fmt: skip
 
 
 def main() -> None:
@@ -161,7 +199,9 @@ def main() -> None:
     parser.add_argument("--cells", type=int, default=80, help="quads a side on one rank")
     parser.add_argument("--ranks", type=int, nargs="+", default=[2, 4], help="beside one")
     parser.add_argument("--scheme", choices=("explicit", "implicit"), help="default: both")
-    parser.add_argument("--model", type=int, default=280, help="quads a side of the model's plate")
+    parser.add_argument(
+        "--model", type=int, nargs="+", default=[64, 256], help="numbers of ranks of the model"
+    )
     parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.worker:
@@ -171,16 +211,20 @@ def main() -> None:
         return
     for scheme in [options.scheme] if options.scheme else ["explicit", "implicit"]:
         print(f"{scheme:24}{'n':>3} {'points':>9} {'step, ms':>9} {'effic.':>8} {'exchange':>8} "
-              f"{'calls':>8} {'kB a step':>9} {'sweeps':>7}")  # fmt: skip
-        strong = [on_ranks(count, options.cells, scheme) for count in (1, *options.ranks)]
-        one = strong[0]
-        for found in strong:
-            row("strong", found, one, 1.0 / found["ranks"])
+              f"{'exchanges':>9} {'sums':>6} {'kB a step':>9} {'sweeps':>7}")  # fmt: skip
+        one = told(start(1, options.cells, scheme))
+        row("one", one, one, 1.0)
+        beside = [told(p) for p in [start(1, options.cells, scheme) for _ in range(2)]]
+        row("two apart", max(beside, key=lambda found: found["step"]), one, 1.0)
+        strong = {count: told(start(count, options.cells, scheme)) for count in options.ranks}
+        for count, found in strong.items():
+            row("strong", found, one, 1.0 / count)
         for count in options.ranks:
             cells = 20 * round(options.cells * count**0.5 / 20)
-            found = on_ranks(count, cells, scheme)
-            row("weak", found, one, found["points"] / one["points"] / found["ranks"])
-        model(options.model, one, strong[1], scheme)
+            found = told(start(count, cells, scheme))
+            row("weak", found, one, found["points"] / one["points"] / count)
+        if 2 in strong:
+            model(options.model, one, strong[2], scheme)
         print()
 
 

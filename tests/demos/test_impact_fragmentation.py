@@ -19,7 +19,7 @@ from xper_fx.output.cracks import broken_points
 
 pytestmark = pytest.mark.demos
 
-SMALL = "--cells 6 --speed 6.0 --end-time 0.2 --step-size 4e-4 --threads 1 --quiet".split()
+SMALL = "--cells 6 --speed 6.0 --end-time 0.12 --step-size 4e-4 --threads 1 --quiet".split()
 
 
 @pytest.fixture(scope="module")

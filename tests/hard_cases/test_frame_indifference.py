@@ -176,7 +176,7 @@ SCENES = {
 }  # fmt: skip
 FAST = ("ductile cells, wall, explicit", "tie, explicit", "initially rigid bonds, explicit",
         "initially rigid bonds in 3D, explicit", "hexahedra, explicit")  # fmt: skip
-LONG = ("ductile cells, wall, theta 1", "searched contact, explicit")
+LONG = ("ductile cells, wall, theta 1", *(name for name in SCENES if "searched" in name))
 LOSSES = ("cohesion", "friction", "impact")
 ENERGIES = ("elastic", "cohesive", *(f"dissipated_{loss}" for loss in LOSSES))
 

@@ -162,7 +162,7 @@ def test_impact_without_collision(mu, theta):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mu", [0.5, 1.2, 1.5, 3.0])
+@pytest.mark.parametrize("mu", [0.5, 1.5, 3.0])
 @pytest.mark.parametrize("theta, slip, spin", STARTS)
 def test_goes_through(mu, theta, slip, spin):
     """To rest on both ends: finite, no energy gained, penetrating by no more than a step's motion.

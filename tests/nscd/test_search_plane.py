@@ -33,8 +33,9 @@ def random_scene(rng, kinds, count, decades, clustered):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kinds", [["disc"], ["polygon"], ["disc", "polygon"], ["disc", "wall"],
-                                   ["polygon", "wall"]])  # fmt: skip
+@pytest.mark.parametrize(
+    "kinds", [["disc"], ["disc", "polygon"], ["disc", "wall"], ["polygon", "wall"]]
+)
 @pytest.mark.parametrize("clustered", [False, True])
 @pytest.mark.parametrize("decades", [0.3, 3.0])
 @pytest.mark.parametrize("offset", [0.0, 1e5])

@@ -32,8 +32,9 @@ def random_scene(rng, kinds, count, decades, clustered):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kinds", [["sphere"], ["polyhedron"], ["sphere", "polyhedron"],
-                                   ["sphere", "wall"], ["polyhedron", "wall"]])  # fmt: skip
+@pytest.mark.parametrize(
+    "kinds", [["sphere"], ["sphere", "polyhedron"], ["sphere", "wall"], ["polyhedron", "wall"]]
+)
 @pytest.mark.parametrize("clustered", [False, True])
 @pytest.mark.parametrize("decades", [0.3, 3.0])
 @pytest.mark.parametrize("offset", [0.0, 1e5])

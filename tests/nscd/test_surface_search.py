@@ -180,7 +180,7 @@ def test_the_distance_of_two_solids_is_a_contact():
     """Nodes, facets and edges together: the smallest gap is the distance of convex solids."""
     rng = np.random.default_rng(3)
     kinds = []
-    for _ in range(20):
+    for _ in range(12):
         surface, x = convex_bodies(3, rng, 2, 0.0)
         facets, body = surface.facets, surface.body
         second = np.unique(facets[body == 1])
@@ -207,8 +207,8 @@ def test_the_distance_of_two_solids_is_a_contact():
         contacts = SurfaceSearch(surface, x, 1.5 * distance).find(x)
         assert contacts.gap.min() == pytest.approx(distance, abs=1e-12)
         kinds.append(kind(contacts)[contacts.gap.argmin()])
-    assert kinds.count(EDGE_EDGE) > 5
-    assert kinds.count(NODE_FACET) > 5
+    assert kinds.count(EDGE_EDGE) > 2
+    assert kinds.count(NODE_FACET) > 2
 
 
 def sides(contacts, x):

@@ -768,13 +768,13 @@ def processes(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_twenty_kills_lose_nothing_but_the_last_steps(processes):
+def test_twelve_kills_lose_nothing_but_the_last_steps(processes):
     folder, found = processes
     killed = found["killed"]
-    assert killed["statuses"] == [-signal.SIGKILL] * 20 and killed["last"] == 0
+    assert killed["statuses"] == [-signal.SIGKILL] * 12 and killed["last"] == 0
     saved, reached = np.array(killed["saved"]), np.array(killed["reached"])
     assert np.all(np.diff(saved) >= 0) and np.all(reached >= saved)
-    assert len(np.unique(saved)) > 5 and np.count_nonzero(reached > saved) > 5
+    assert len(np.unique(saved)) > 3 and np.count_nonzero(reached > saved) > 3
     same_files(folder / "whole", folder / "killed")
     steps = read_history(folder / "killed" / "history.csv")["step"]
     assert np.array_equal(steps, np.arange(1, 301))

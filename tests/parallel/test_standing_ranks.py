@@ -11,6 +11,17 @@ RANK = "from mpi4py.MPI import COMM_WORLD as comm\n"
 HELLO = f"{RANK}said = comm.gather('hello')\nif said:\n    print(*said, flush=True)\n"
 
 
+@pytest.fixture(scope="module", autouse=True)
+def of_their_own():
+    """Others than those that other files run scripts on, which have loaded what these need."""
+    own: dict = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(on_ranks, "_standing", own)
+        yield
+    for ranks in own.values():
+        on_ranks._end(ranks)
+
+
 @pytest.fixture
 def run(tmp_path):
     """Run a script given by its text on two ranks."""

@@ -25,9 +25,8 @@ SCENES = {
     2: ("cloud", "explicit", "boxes", "heap", "shards", "turning_shards", "explicit_shards",
         "split_shards", "slide", "struck", "rammed", "pelted",
         "split_pelted", "split_walled"),
-    3: ("lone", "turning_lone", "split_struck", "split_pelted"),
-    4: ("shards", "split_shards", "turning_split_shards", "lone", "slide", "turning_split_struck",
-        "turning_split_walled"),
+    3: ("lone", "turning_lone", "split_struck"),
+    4: ("shards", "turning_split_shards", "turning_split_struck", "turning_split_walled"),
 }  # fmt: skip
 several = pytest.mark.parametrize(
     ("count", "name"), [(count, name) for count, names in SCENES.items() for name in names]

@@ -22,8 +22,8 @@ def test_the_steady_load_of_equal_layers():
 
 @pytest.mark.slow
 def test_cracks_run_at_the_steady_load():
-    """Facets of a quarter of a millimetre; the load stays while the cracks grow by 4 mm."""
-    found = delaminate(SPECIMENS["cut layer three times as stiff"], 8e-3)
+    """Facets of a quarter of a millimetre; the load stays while cracks grow from 4 to 5.5 mm."""
+    found = delaminate(SPECIMENS["cut layer three times as stiff"], 5.5e-3)
     assert found.plateau == pytest.approx(1.0, abs=1e-2)
     assert found.spread < 5e-3
     assert found.spent == pytest.approx(1.0, abs=2e-3)

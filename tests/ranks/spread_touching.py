@@ -24,7 +24,7 @@ from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.compat import geometry_dofmap
 
 WORLD = MPI.COMM_WORLD
-LAST = 60  # step of runs that are recorded
+LAST = 42  # step of runs that are recorded
 
 
 def strength(x):
@@ -50,7 +50,7 @@ def turning_cells():
 def breaking():
     """Plates of bonded blocks meet, break, and their lips part."""
     scene, options, _ = touching_bodies.explicit_shards()
-    return scene, options, LAST
+    return scene, options, 60
 
 
 def one_end():

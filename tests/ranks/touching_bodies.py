@@ -418,8 +418,7 @@ def searched(simulation) -> tuple[int, int]:
 
 
 RECORDED = {
-    "rammed": rammed, "split": split_shards, "turning": turning_split_shards,
-    "struck": split_struck, "walled": turning_split_walled,
+    "rammed": rammed, "split": split_shards, "struck": split_struck, "walled": turning_split_walled,
 }  # fmt: skip
 
 

@@ -669,7 +669,11 @@ def serve() -> None:
     """Observe what the lines of the input ask for, each in a process that starts from here."""
     import dolfinx.fem  # noqa: F401
     import dolfinx.mesh  # noqa: F401
+    import scipy.sparse.linalg  # noqa: F401
+    import scipy.spatial  # noqa: F401
+    from numba import njit
 
+    njit(lambda x: x)(0)  # Numba imports the most when it first compiles
     assert not any(name.startswith("xper_fx") for name in sys.modules)
     for line in sys.stdin:
         if child := os.fork():

@@ -34,9 +34,8 @@ class Spread:
     ranks: Ranks  #: those of the mesh
     #: rank of each body that is known here, shape (num_bodies,), int32
     rank_of_body: npt.NDArray[np.int32]
-    #: num_bodies, num_cells: how many all ranks have together
-    num_bodies: int
-    num_cells: int
+    num_bodies: int  #: of all ranks together
+    num_cells: int  #: of all ranks together
     present: PresentTags  #: the tags that occur on any rank
 
 

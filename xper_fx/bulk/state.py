@@ -23,7 +23,7 @@ class State:
     velocity: np.ndarray
     #: the internal ones, or a pair whose mean they are: few ask for them
     forces: np.ndarray | tuple[np.ndarray, np.ndarray]
-    external: np.ndarray | float = 0.0
+    external: np.ndarray | float = 0.0  #: those of the loads
 
     @property
     def internal(self) -> np.ndarray:
@@ -50,13 +50,11 @@ class StepOutcome(NamedTuple):
     supports: Supports  #: impulses on prescribed dofs
     force_impulse: np.ndarray | float  #: h times the time-weighted external forces on all dofs, N s
     viscous: np.ndarray | float  #: viscous force acting over the step (N)
-    #: sweeps, residual, traction_change: of the interaction solver, over all iterations
-    sweeps: int
-    residual: float
-    traction_change: float
-    #: newton_iterations, newton_residual: of the bulk; 1 and 0 when it is linear
-    newton_iterations: int
-    newton_residual: float
+    sweeps: int  #: of the interaction solver, over all iterations
+    residual: float  #: of the interaction solver, over all iterations
+    traction_change: float  #: of the interaction solver, over all iterations
+    newton_iterations: int  #: of the bulk; 1 when it is linear
+    newton_residual: float  #: of the bulk; 0 when it is linear
     converged: bool  #: whether both are within their tolerances
     #: at the start and at the end of the step, what the energy that the scheme conserves has beside
     #: the physical one (J; 2D: J/m); zero but for `bulk/explicit.py`

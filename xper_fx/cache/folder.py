@@ -47,7 +47,7 @@ class KeptFile(NamedTuple):
     title: str  #: of the kernel
     size: int  #: bytes
     used: float  #: when it was last used, to an hour (s since the epoch)
-    path: Path
+    path: Path  #: of the file
 
 
 class CacheFolder:

@@ -37,11 +37,10 @@ class LipKernels(NamedTuple):
     forces: Callable  #: `(m, arms, frame)`, h_alpha of a couple m in the frame's axes
     apart: Callable  #: `(v, c, i)`, of the candidate from the antagonist
     local: Callable  #: `(frame, x)`, components in a frame
-    #: arms_at, axes_at, turn_at: `(array, i)`, those of point i; the last of moments and spins.
-    #: Axes are held as frames of `Couplings` are, in 2D by the normal alone.
-    arms_at: Callable
+    arms_at: Callable  #: `(array, i)`, those of point i
+    #: `(array, i)`, those of point i, held as frames of `Couplings` are, in 2D by the normal alone
     axes_at: Callable
-    turn_at: Callable
+    turn_at: Callable  #: `(array, i)`, the moment or spin of point i
     folded: Callable  #: `(a)`, whether lips stand at more than a right angle to each other
 
 

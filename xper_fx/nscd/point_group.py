@@ -41,29 +41,27 @@ class PointGroup:
     Local vectors have the law's `components`: dim, or the normal's alone.
     """
 
-    kernels: LawKernels
+    kernels: LawKernels  #: of the law
     indices: np.ndarray  #: shape (n,), the points' numbers in the scene's order
     points: InteractionPoints  #: with frames of as many rows as there are components
-    ordering: Ordering
-    tile_bodies: TileBodies
-    couplings: Couplings
-    parameters: np.ndarray
-    state: np.ndarray
-    terms: np.ndarray
-    details: np.ndarray
+    ordering: Ordering  #: in which sweeps visit them
+    tile_bodies: TileBodies  #: whose change marks a tile for the next sweep
+    couplings: Couplings  #: what sweeps read and write
+    parameters: np.ndarray  #: of the law, shape (n, ...)
+    state: np.ndarray  #: shape (n, len(kernels.state_names)), history at the last committed time
+    terms: np.ndarray  #: shape (n, kernels.num_terms), of the step, which each visit reads
+    details: np.ndarray  #: shape (n, kernels.num_details), of the step, which not each visit reads
     compliance: np.ndarray  #: W_aa, packed symmetric (m/s per N s)
-    inverse_area: np.ndarray
-    #: jump, velocity: shape (n, components), at the last committed time (m, m/s)
-    jump: np.ndarray
-    velocity: np.ndarray
+    inverse_area: np.ndarray  #: shape (n,), 1/m^2 (2D: 1/m)
+    jump: np.ndarray  #: shape (n, components), at the last committed time (m)
+    velocity: np.ndarray  #: shape (n, components), at the last committed time (m/s)
     #: shape (n, components), total impulse of the step in the local frame (N s)
     impulse: np.ndarray
-    committed_impulse: np.ndarray
+    committed_impulse: np.ndarray  #: the same of the last committed step
     energy: np.ndarray  #: shape (n, len(kernels.energies)), of the last committed step (J; 2D: J/m)
     status: np.ndarray  #: shape (n,), int8: 0 open, 1 closed or bonded and sticking, 2 sliding
-    #: sides, blocks: what kernels over the points are compiled for
-    sides: Sides
-    blocks: Blocks
+    sides: Sides  #: what kernels over the points are compiled for
+    blocks: Blocks  #: what is known of the blocks of w when they are
     phase: int = 0  #: in which bodies of another rank are at the points, 0 if none are
     #: what they need to turn with their lips, None where they do not
     turning: TurningFrames | None = None

@@ -31,7 +31,7 @@ class PointValues:
     halo: PointHalo | ContactHalo | None
     committed_step: float  #: h of the last step (s)
     groups: list[PointGroup]  #: all points by law, permanent ones before those of contacts found
-    fused: FusedPoints | None
+    fused: FusedPoints | None  #: vertices of initially rigid bonds, None without
     #: blocks of w of all rigid bodies, shape (num_rigid, 2 dim, 2 dim)
     rigid_blocks_of_all: np.ndarray
     _rigid_share: RigidSharing | None

@@ -100,23 +100,21 @@ class LipMotion(NamedTuple):
     velocity: np.ndarray  #: v0 (m/s)
     mean: np.ndarray  #: v_theta as far as it is known (m/s)
     starts: bool  #: whether that is v0
-    #: gradient, rate: shape (dim, dim), Fbar at q0 and its rate in v_theta (1/s), of a periodic
-    #: cell, whose nodes move with the fluctuation; else without entries
+    #: shape (dim, dim), Fbar at q0 of a periodic cell, whose nodes move with the fluctuation; else
+    #: without entries
     gradient: np.ndarray
-    rate: np.ndarray
+    rate: np.ndarray  #: of that Fbar in v_theta (1/s), else without entries
 
 
 class TurningFrames(NamedTuple):
     """What the points of a group need besides to turn."""
 
-    #: nodes, gradient, tangent: of the lips of each site (`lips.py`)
-    nodes: np.ndarray
-    gradient: np.ndarray
-    tangent: np.ndarray
-    #: start, axes: F at the start and in the middle of the step, shape (sites, 1, 2), the normal,
-    #: or (sites, 3, 3)
+    nodes: np.ndarray  #: of the lips of each site (`lips.py`)
+    gradient: np.ndarray  #: G of the lips of each site
+    tangent: np.ndarray  #: t_alpha of the lips of each site
+    #: F at the start of the step, shape (sites, 1, 2), the normal, or (sites, 3, 3)
     start: np.ndarray
-    axes: np.ndarray
+    axes: np.ndarray  #: F in the middle of the step, of the same shape
     omega: np.ndarray  #: shape (sites, 1) or (sites, 3), spin in v_theta in the axes, rad/s
     arms: np.ndarray  #: b, shape (sites, 1, 2), or b_1, b_2, c_1, c_2, shape (sites, 4, 3), 1/m
     #: shape (sites,), uint8, whether lips flip or fold, `_FLIPPED` and `_FOLDED`

@@ -28,9 +28,8 @@ class Tables(NamedTuple):
     body: np.ndarray  #: shape (f,)
     group: np.ndarray  #: shape (f,), int32
     thickness: np.ndarray  #: shape (f,), m
-    #: exposed, ajar: shape (f,), bool
-    exposed: np.ndarray
-    ajar: np.ndarray
+    exposed: np.ndarray  #: shape (f,), bool
+    ajar: np.ndarray  #: shape (f,), bool
     edges: np.ndarray  #: shape (f, 3), which edges are one (`Bonds.joined_edges`); (f, 0) in 2D
     node: np.ndarray  #: shape (n,), ascending
     start: np.ndarray  #: shape (n, dim), where nodes were at the start (m)
@@ -67,9 +66,8 @@ class OwnSurface(NamedTuple):
     surface: Surface  #: facets of own bodies; bond i is facing facet i of the bodies known here
     #: in 3D these and, behind them, facets of others' bodies that bonds hide, on the same nodes
     with_hidden: Surface | None
-    #: facet, node: numbers of facets, and of nodes, which are numbered in their order
-    facet: np.ndarray
-    node: np.ndarray
+    facet: np.ndarray  #: numbers of facets
+    node: np.ndarray  #: numbers of nodes, in the order of the facets
     start: np.ndarray  #: shape (num_nodes, dim), m
     dof: np.ndarray  #: shape (num_nodes,), of the space on all bodies that are known here
     body_of_node: np.ndarray  #: shape (num_nodes,), among the known bodies

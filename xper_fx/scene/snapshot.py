@@ -26,9 +26,8 @@ class Snapshot:
 
     scene: Any  #: of the run, a `Scene`
     time: float  #: s
-    #: scheme, inertia: of the run
-    scheme: str
-    inertia: bool
+    scheme: str  #: of the run
+    inertia: bool  #: of the run
     laws: Sequence[Law]  #: of its interactions
     joint_rows: JointRows | None  #: of its joints, None without any
     saved: Mapping  #: the state, as `Simulation.saved` gives it, its rows in order

@@ -78,21 +78,16 @@ class BulkEnergies(NamedTuple):
     """What a step does in the bulk (J; 2D: J/m)."""
 
     work: float  #: of the loads and prescribed motions in the step
-    #: kinetic, elastic: held at its end
-    kinetic: float
-    elastic: float
-    #: kinetic_change, elastic_change: what they gained in the step
-    kinetic_change: float
-    elastic_change: float
-    #: plastic, viscous, damped: dissipated in the step by the bulk and, above theta = 1/2, by the
-    #: scheme
-    plastic: float = 0.0
-    viscous: float = 0.0
-    damped: float = 0.0
-    #: power_before, power: of the supports at the end of a static step, moved as in the step before
-    #: and as in this one (W; 2D: W/m)
+    kinetic: float  #: held at its end
+    elastic: float  #: held at its end
+    kinetic_change: float  #: gained in the step
+    elastic_change: float  #: gained in the step
+    plastic: float = 0.0  #: dissipated in the step by the bulk
+    viscous: float = 0.0  #: dissipated in the step by the bulk
+    damped: float = 0.0  #: dissipated in the step by the scheme, above theta = 1/2
+    #: of the supports at the end of a static step, moved as in the step before (W; 2D: W/m)
     power_before: float = 0.0
-    power: float = 0.0
+    power: float = 0.0  #: the same, moved as in this step
     #: of half the change of loads and reactions over a static step, |df . du| / 2, and of what
     #: drives rigid bodies.
     change_work: float = 0.0

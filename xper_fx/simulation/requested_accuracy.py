@@ -33,9 +33,8 @@ class RequestedAccuracy(NamedTuple):
     step: float | None  #: h (s), None if not given
     tolerance: float  #: of the impulses
     newton_tolerance: float  #: of the bulk
-    #: adapts_step, adapts_tolerance: whether they are picked and adapted
-    adapts_step: bool
-    adapts_tolerance: bool
+    adapts_step: bool  #: whether it is picked and adapted
+    adapts_tolerance: bool  #: whether it is picked and adapted
 
     def doubt_tolerance(self) -> None:
         """Warn of a tolerance that leaves more, step after step, than the accuracy of a static run.

@@ -37,9 +37,8 @@ _FACETS = 3.0
 class Verdict(NamedTuple):
     """The verdict of a run."""
 
-    #: asked, estimated: relative errors of global quantities
-    asked: float
-    estimated: float
+    asked: float  #: relative error of global quantities
+    estimated: float  #: relative error of global quantities
     reached: bool  #: whether the estimate is within what was asked for
     parts: dict[str, float]  #: of the estimate by what makes them, largest first
     #: error of the bulk's stresses in the energy norm at the end (`bulk_resolution.py`), None where

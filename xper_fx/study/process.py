@@ -40,7 +40,7 @@ class Job:
     """What one process does."""
 
     build: Callable[..., Scene]  #: makes the scene from `scene_parameters`
-    scene_parameters: Mapping[str, Any]
+    scene_parameters: Mapping[str, Any]  #: of `build`
     simulation_parameters: Mapping[str, Any]  #: of `Simulation`
     #: step over the critical step of the scene's explicit bulk, None to leave it
     courant: float | None

@@ -64,17 +64,15 @@ class Stop(NamedTuple):
     """When sweeps end."""
 
     limit: float  #: sum over all contacts of |F|^2 that is wanted (`error.py`)
-    #: max_sweeps, patience: as of `sweep`
-    max_sweeps: int
-    patience: float
+    max_sweeps: int  #: as of `sweep`
+    patience: float  #: as of `sweep`
 
 
 class Progress(NamedTuple):
     """What sweeps write of themselves."""
 
-    #: sweeps, converged: shape (num_components,), as of `Sweeps`
-    sweeps: np.ndarray
-    converged: np.ndarray
+    sweeps: np.ndarray  #: shape (num_components,), as of `Sweeps`
+    converged: np.ndarray  #: shape (num_components,), as of `Sweeps`
     #: shape (2, k), sum of |F|^2 at 16, 32, 64, ... sweeps of the components under way, and of
     #: those left since.
     history: np.ndarray

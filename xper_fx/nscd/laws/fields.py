@@ -40,10 +40,8 @@ class Places:
 
     x: np.ndarray  #: positions, shape (3, n), m
     normal: np.ndarray  #: unit normals from antagonist to candidate, shape (3, n)
-    #: bodies, materials: numbers of the bodies and cell tags of both sides, shape (2, n); -1 of
-    #: ties and walls
-    bodies: np.ndarray
-    materials: np.ndarray
+    bodies: np.ndarray  #: numbers of those on both sides, shape (2, n); -1 of ties and walls
+    materials: np.ndarray  #: cell tags of both sides, shape (2, n); -1 of ties and walls
     area: np.ndarray  #: of the facet (m^2; 2D: m), of ties and walls that of the point, shape (n,)
     facet: np.ndarray  #: number of the facing facet, -1 of ties and walls, shape (n,)
     #: of the point among those of its law on facing facets, on all ranks, shape (n,)

@@ -107,9 +107,8 @@ class CoulombPoints(NamedTuple):
     least: np.ndarray  #: shape (n,), m/s; -inf where the point is open
     shift: np.ndarray  #: shape (n, dim - 1), m/s
     friction: np.ndarray  #: shape (n,)
-    #: bound, tip: shape (n,), N s
-    bound: np.ndarray
-    tip: np.ndarray
+    bound: np.ndarray  #: shape (n,), N s
+    tip: np.ndarray  #: shape (n,), N s
     spring: np.ndarray | None = None  #: shape (n, dim), N s per m/s; None where there is none
     push: np.ndarray | None = None  #: shape (n, dim), m/s; None with `spring`
 

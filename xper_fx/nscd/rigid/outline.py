@@ -37,9 +37,8 @@ class Outline(NamedTuple):
     cells: np.ndarray  #: points of the triangles, shape (t, 3), int32
     body_of_point: np.ndarray  #: shape (p,), int32
     body_of_cell: np.ndarray  #: shape (t,), int32
-    #: piece_of_point, piece_of_cell: convex piece of a body (`ShapeTables`), int32
-    piece_of_point: np.ndarray
-    piece_of_cell: np.ndarray
+    piece_of_point: np.ndarray  #: convex piece of a body (`ShapeTables`), shape (p,), int32
+    piece_of_cell: np.ndarray  #: convex piece of a body, shape (t,), int32
 
     def positions(self, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
         """The points in space, shape (p, dim), m.

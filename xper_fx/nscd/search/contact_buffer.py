@@ -43,9 +43,8 @@ class Corners(NamedTuple):
     `face_start[b]:face_start[b + 1]`, none if it has no corners.
     """
 
-    #: vertex_start, face_start: shape (num_bodies + 1,), int64
-    vertex_start: np.ndarray
-    face_start: np.ndarray
+    vertex_start: np.ndarray  #: shape (num_bodies + 1,), int64
+    face_start: np.ndarray  #: shape (num_bodies + 1,), int64
     vertex: np.ndarray  #: shape (num_vertices, dim), m
     normal: np.ndarray  #: shape (num_faces, dim), outward unit normals
 

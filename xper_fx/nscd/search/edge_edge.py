@@ -104,10 +104,9 @@ class Crossings(NamedTuple):
 
     pair: np.ndarray  #: shape (n,), int32, of those that were looked at
     weights: np.ndarray  #: share of the second node of each edge, shape (n, 2)
-    #: normal, gap, area: shape (n, 3), (n,), (n,); m, m^2
-    normal: np.ndarray
-    gap: np.ndarray
-    area: np.ndarray
+    normal: np.ndarray  #: shape (n, 3)
+    gap: np.ndarray  #: shape (n,), m
+    area: np.ndarray  #: shape (n,), m^2
 
 
 def crossings(

@@ -99,9 +99,8 @@ class _Ways(NamedTuple):
 class Touching(NamedTuple):
     """Contacts of points with facets; the first `found` rows."""
 
-    #: point, facet: shape (n,), int32
-    point: np.ndarray
-    facet: np.ndarray
+    point: np.ndarray  #: shape (n,), int32
+    facet: np.ndarray  #: shape (n,), int32
     slot: np.ndarray  #: counts the contacts of a point with a fragment, shape (n,), int64
     weights: np.ndarray  #: of the facet's nodes, shape (n, dim)
     normal: np.ndarray  #: out of the facet, shape (n, dim)

@@ -88,10 +88,9 @@ class OnRigid(NamedTuple):
     """Contacts of nodes with rigid bodies; the first `found` rows."""
 
     pair: np.ndarray  #: shape (n,), int32, of those that were looked at
-    #: normal, gap, area: shape (n, dim), (n,), (n,); m, m^2 (2D: m)
-    normal: np.ndarray
-    gap: np.ndarray
-    area: np.ndarray
+    normal: np.ndarray  #: shape (n, dim)
+    gap: np.ndarray  #: shape (n,), m
+    area: np.ndarray  #: shape (n,), m^2 (2D: m)
 
 
 def nodes_on_rigid(

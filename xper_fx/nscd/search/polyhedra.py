@@ -81,9 +81,8 @@ def _part(kind: type, tables: ShapeTables) -> NamedTuple:
 class Touching(NamedTuple):
     """Room for two points that face each other."""
 
-    #: on_a, on_b: shape (2, 3), on the first body and on the second (m)
-    on_a: np.ndarray
-    on_b: np.ndarray
+    on_a: np.ndarray  #: shape (2, 3), on the first body (m)
+    on_b: np.ndarray  #: shape (2, 3), on the second (m)
     name: np.ndarray  #: shape (2,), int64, as in `overlap`
 
 

@@ -20,9 +20,8 @@ from xper_fx.nscd.points import InteractionPoints
 class VertexGraphs(NamedTuple):
     """Corners and bonds of all vertices."""
 
-    #: corner_offsets, bond_offsets: shape (num_vertices + 1,), first of each vertex
-    corner_offsets: np.ndarray
-    bond_offsets: np.ndarray
+    corner_offsets: np.ndarray  #: shape (num_vertices + 1,), first corner of each vertex
+    bond_offsets: np.ndarray  #: shape (num_vertices + 1,), first bond of each vertex
     corner: np.ndarray  #: shape (num_corners,), slot of each
     #: shape (num_bonds, 2), corners of candidate and antagonist, counted in the vertex
     sides: np.ndarray

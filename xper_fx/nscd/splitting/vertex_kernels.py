@@ -29,14 +29,12 @@ class VertexWork(NamedTuple):
     driven: np.ndarray  #: shape (k, dim)
     mass: np.ndarray  #: shape (k, dim), of the corners, zero where they are driven
     free: np.ndarray  #: shape (k, dim), velocities of the cells for themselves (m/s)
-    #: v, w: shape (k, dim), velocity and compliance of the cluster whose first corner it is
-    v: np.ndarray
-    w: np.ndarray
+    v: np.ndarray  #: shape (k, dim), velocity of the cluster whose first corner it is
+    w: np.ndarray  #: shape (k, dim), compliance of that cluster
     source: np.ndarray  #: shape (k, dim)
     laplacian: np.ndarray  #: shape (k, k)
-    #: fused, active: shape (e,), what transmits within a cluster, and what acts between two
-    fused: np.ndarray
-    active: np.ndarray
+    fused: np.ndarray  #: shape (e,), what transmits within a cluster
+    active: np.ndarray  #: shape (e,), what acts between two
     kept: np.ndarray  #: shape (e,), what was fused before it was tried whether more opens
     flow: np.ndarray  #: shape (e, dim); also residuals and corrections (N s)
     answer: np.ndarray  #: shape (e, dim), impulses that laws ask for, in their axes (N s)
