@@ -24,11 +24,11 @@ SCRIPT = "ranks/static_scenes.py"
 # that all ranks factor.
 SCENES = {
     2: ("drawn", "wedged", "turned", "rigid", "touching", "nearing", "held", "leaning",
-        "pushed", "indented", "swept", "sprung", "inert", "tied", "peeled", "unrolled",
-        "inert_cell", "cell", "turned_cell",
+        "pushed", "indented", "swept", "sprung", "inert", "tied", "bridged", "spread_bridged",
+        "peeled", "unrolled", "inert_cell", "cell", "turned_cell",
         "spread_drawn", "spread_touching", "spread_indented", "factored_drawn",
         "factored_turned_cell", "groups", "messages"),
-    3: ("stopped", "spread_stopped"),
+    3: ("stopped", "spread_stopped", "spread_tied"),
     4: ("drawn", "wedged", "turned", "touching", "sprung", "peeled", "turned_cell",
         "celled_path", "spread_unrolled", "spread_row", "groups"),
 }  # fmt: skip

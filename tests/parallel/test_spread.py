@@ -24,15 +24,16 @@ pytestmark = pytest.mark.ranks
 RANKS = 3
 # Vertices alone with fields of positions, of order 2, that split at finite strain, Gauss points
 # of blocks there, walls, also beside vertices that split, and bonds that lag in space.
-SCENES = ("scattered", "quadratic", "spun", "blocks", "fall", "turning_dropped", "space")
+SCENES = ("scattered", "quadratic", "spun", "blocks", "fall", "turning_dropped", "space", "tied")
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """What the scenes and runs gave on several ranks; one that goes on on fewer, then on more."""
     base = tmp_path_factory.mktemp("spread")
-    runs = (*SCENES, "held", "balance", "wrong", "whole=12", "restarted=6")
-    for ranks, asked in ((RANKS, runs), (2, ["restarted=9"]), (4, ["restarted=12"])):
+    runs = (*SCENES, "held", "balance", "wrong", "whole=12", "restarted=6", "tied_restarted=9")
+    later = ["restarted=9", "tied_restarted=14"]
+    for ranks, asked in ((RANKS, runs), (2, later), (4, ["restarted=12"])):
         done = on_ranks(ranks, "ranks/spread_scenes.py", base, *asked)
         assert done.returncode == 0, done.stdout + done.stderr
     return base
@@ -131,3 +132,13 @@ def test_a_restart_goes_on_as_if_nothing_had_been(folder):
         np.testing.assert_allclose(other, one, rtol=0.0, atol=2e-7 * np.abs(one).max())
     with pytest.raises(CheckpointError, match="of another scene: .*mesh"):
         recorded.run(str(again), 12, restart=True)
+
+
+def test_ties_go_on_on_other_ranks(folder, tmp_path):
+    """Their points are numbered alike on all, and bear their histories."""
+    recorded.run(str(tmp_path / "tied"), 14, restart=False)
+    one = read_history(tmp_path / "tied" / "history.csv")
+    again = read_history(folder / "tied_restarted" / "history.csv")
+    assert len(again["step"]) == len(one["step"]) and one["dissipated_cohesion"][-1] > 0.0
+    for key in ("external_work", "kinetic", "elastic", "cohesive", "dissipated_cohesion"):
+        assert np.abs(again[key] - one[key]).max() <= 1e-7 * one["external_work"].max(), key

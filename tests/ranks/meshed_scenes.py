@@ -5,6 +5,8 @@ import sys
 from dataclasses import fields, replace
 
 import numpy as np
+import scenes
+from dolfinx.mesh import compute_midpoints, create_mesh, meshtags
 from mpi4py import MPI
 from outside_law import LinearSoftening
 from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies, midpoints, nodes
@@ -12,7 +14,7 @@ from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies, midpoints, nodes
 import xper_fx as xf
 from xper_fx.bodies.explode import explode
 from xper_fx.bodies.join import join_meshes
-from xper_fx.bodies.meshes import crossed_rectangle, tag_facets
+from xper_fx.bodies.meshes import crossed_rectangle, facet_cells, tag_facets
 from xper_fx.forms.loads import Gravity, PrescribedVelocity, RayleighDamping
 from xper_fx.materials import J2SmallStrain, LinearElastic, NeoHookean, SaintVenantKirchhoff
 from xper_fx.materials.hardening import Linear
@@ -30,6 +32,7 @@ from xper_fx.output.fragments import Fragments, measure_fragments
 from xper_fx.parallel.launch import run_together
 from xper_fx.scene import Scene, Tie, Wall
 from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.compat import geometry_dofmap
 
 # E = 1000, rho = 1, strength 10, cohesive length 0.5 of a side.
 ELASTIC = LinearElastic(1000.0, 0.3, 1.0)
@@ -120,24 +123,49 @@ def free():
     return scene, {"step": 2e-3, "tolerance": 1e-11, "scheme": "implicit"}, 20
 
 
+def unmatched(joined, planes):
+    """Bodies of two meshes that meet at x = 0.5, their mesh on `scenes.COMM`.
+
+    Args:
+        planes: tag of the facets that have a point, by the test of the points; the right mesh's at
+            x = 0.5 bear it plus 5.
+    """
+    mesh, comm = joined.mesh, scenes.COMM
+    if comm.size > 1:
+        cells = geometry_dofmap(mesh).astype(np.int64)
+        x = mesh.geometry.x[:, : mesh.geometry.dim]
+        if comm.rank:
+            cells, x = cells[:0], x[:0]
+        mesh = create_mesh(comm, cells=cells, x=x, e=mesh.ufl_domain())
+    tdim = mesh.topology.dim
+    on_right = midpoints(mesh)[0] > 0.5
+    mesh.topology.create_entities(tdim - 1)
+    cell = facet_cells(mesh)[0][:, 0]
+    tags = tag_facets(mesh, planes)
+    x = compute_midpoints(mesh, tdim - 1, tags.indices)[:, 0]
+    values = tags.values + 5 * ((abs(x - 0.5) < 1e-9) & on_right[cell[tags.indices]])
+    return mesh, meshtags(mesh, tdim - 1, tags.indices, values.astype(np.int32))
+
+
 def tied():
     """A coarse box of blocks and a fine one beside it, tied by bonds that turn, half by half."""
     loads, start = stretched(1.0)
-    meshes, tags = [], []
-    for first, cells, side in ((0.0, 4, {LEFT: 0.0}), (0.5, 6, {RIGHT: 1.0})):
-        mesh = crossed_rectangle((first, 0.0), (first + 0.5, 1.0), (cells // 2, cells))
-        planes = {tag: lambda x, at=at: np.abs(x[0] - at) < 1e-9 for tag, at in side.items()}
-        planes[10 + cells] = lambda x: (np.abs(x[0] - 0.5) < 1e-9) & (x[1] < 0.5 + 1e-9)
-        planes[20 + cells] = lambda x: (np.abs(x[0] - 0.5) < 1e-9) & (x[1] > 0.5 - 1e-9)
-        meshes.append(mesh)
-        tags.append(tag_facets(mesh, planes))
-    joined = join_meshes(meshes, facet_tags=tags)
-    x, y = midpoints(joined.mesh)[:2]
+    halves = [
+        crossed_rectangle((first, 0.0), (first + 0.5, 1.0), (cells // 2, cells))
+        for first, cells in ((0.0, 4), (0.5, 6))
+    ]
+    mesh, tags = unmatched(
+        join_meshes(halves),
+        {LEFT: lambda x: x[0] < 1e-9, RIGHT: lambda x: x[0] > 1.0 - 1e-9,
+         14: lambda x: (np.abs(x[0] - 0.5) < 1e-9) & (x[1] < 0.5 + 1e-9),
+         24: lambda x: (np.abs(x[0] - 0.5) < 1e-9) & (x[1] > 0.5 - 1e-9)},
+    )  # fmt: skip
+    x, y = midpoints(mesh)[:2, : mesh.topology.index_map(2).size_local]
     label = 2 * np.where(x < 0.5, 4.0 * x, 6.0 * x).astype(int) + (y > 0.5)
     scene = Scene(
-        explode(joined.mesh, label, facet_tags=joined.facet_tags),
+        explode(mesh, label, facet_tags=tags),
         {1: NeoHookean(1000.0, 0.3, 1.0)}, default_interaction=BOND, loads=loads,
-        ties=[Tie(16, 14, replace(BOND, strength=8.0)), Tie(26, 24, BOND)],
+        ties=[Tie(19, 14, replace(BOND, strength=8.0)), Tie(29, 24, BOND)],
         initial_velocity=lambda x: start(x)[:2],
     )  # fmt: skip
     return scene, {"step": 5e-4, "tolerance": 1e-10, "scheme": "implicit"}, 14

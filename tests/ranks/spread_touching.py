@@ -21,6 +21,7 @@ from xper_fx.parallel.launch import run_together
 from xper_fx.scene import Scene
 from xper_fx.scene.contact import Contact
 from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.compat import geometry_dofmap
 
 WORLD = MPI.COMM_WORLD
 LAST = 42  # step of runs that are recorded
@@ -64,6 +65,40 @@ def one_end():
     return scene, {"scheme": "explicit", "tolerance": 1e-11}, 40
 
 
+def in_space(bond):
+    """Two boxes of bonded tetrahedra fly into each other as they are drawn out of shape."""
+    bodies = box_bodies(
+        (2.0, 1.0, 1.0), (4, 2, 2), "tetrahedron", material={2: lambda x: x[0] > 1.0 - 1e-9}
+    )
+    second = np.unique(geometry_dofmap(bodies.mesh)[bodies.material_of_cell == 2])
+    bodies.mesh.geometry.x[second] += (0.004, 0.13, 0.07)
+    velocity = {
+        tag: lambda x, v=v: np.stack([v + 0.3 * (x[0] - 1.0), 3.0 * (x[1] - 0.5), 0.1 * v * x[0]])
+        for tag, v in ((1, 0.3), (2, -0.3))
+    }
+    return Scene(
+        bodies, dict.fromkeys((1, 2), touching_bodies.ELASTIC), default_interaction=bond,
+        interactions={(1, 2): None}, surfaces={"left": (1,), "right": (2,)},
+        contacts=[
+            Contact(pair, touching_bodies.RUB)
+            for pair in (("left", "right"), ("left", "left"), ("right", "right"))
+        ],
+        initial_velocity=velocity,
+    )  # fmt: skip
+
+
+def broken_boxes():
+    """Blocks whose bonds weaken, and whose lips part."""
+    bond = CohesiveZone(2e4, 0.01, lambda x: 0.5 * strength(x), friction=0.3)
+    return in_space(bond), {"scheme": "explicit", "tolerance": 1e-11}, 16
+
+
+def split_boxes():
+    """The same of initially rigid bonds."""
+    law = RigidCohesiveZone(lambda x: 0.5 * strength(x), 0.02)
+    return in_space(law), {"scheme": "explicit", "tolerance": 1e-10}, 16
+
+
 def split_struck():
     """Cells that initially rigid bonds join fly into discs that meet, and on a floor."""
     scene, options, steps = touching_bodies.split_struck()
@@ -91,7 +126,10 @@ def thrown():
     return scene, {"step": 2e-3, "tolerance": 1e-10, "scheme": "implicit"}, 40
 
 
-OWN = (thrown, split_cells, turning_cells, breaking, one_end, split_struck, turning_split_struck)
+OWN = (
+    broken_boxes, split_boxes, thrown, split_cells, turning_cells, breaking, one_end,
+    split_struck, turning_split_struck,
+)  # fmt: skip
 SCENES = {f.__name__: f for f in OWN}
 SCENES |= {
     name: touching_bodies.SCENES[name]
@@ -162,10 +200,8 @@ def refused() -> list[str]:
     pair = [Contact(("left", "right"), touching_bodies.RUB)]
     every = [*pair, *(Contact((name, name), None) for name in ("left", "right"))]
     on_last = [Contact(("left", "wrong"), None)] if MPI.COMM_WORLD.rank == 2 else []
-    plane, space = ((2, 1), (4, 2)), ((2, 1, 1), (4, 2, 2))
-    for (lengths, counts), contacts in ((plane, pair), (plane, every + on_last), (space, every)):
-        kind = "crossed" if len(lengths) == 2 else "tetrahedron"
-        bodies = box_bodies(lengths, counts, kind, material=cells)
+    for contacts in (pair, every + on_last):
+        bodies = box_bodies((2, 1), (4, 2), material=cells)
         try:
             scene = Scene(
                 bodies, {1: touching_bodies.ELASTIC, 2: touching_bodies.ELASTIC},
@@ -180,8 +216,10 @@ def refused() -> list[str]:
 
 
 def record(folder: str, last: int, restart: bool) -> None:
-    """Run `breaking` to a step, or go on to it; with solids `split_struck`."""
-    scene, options, _ = split_struck() if "solids" in folder else breaking()
+    """Run a scene to a step, or go on to it: what the folder's name begins with says which."""
+    kind, _, _ = folder.rsplit("/", 1)[-1].partition("_")
+    make = {"solids": split_struck, "boxes": split_boxes}.get(kind, breaking)
+    scene, options, _ = make()
     simulation = Simulation(scene, **options)
     end = LAST * simulation.step_size
     recorder = Recorder(simulation, folder, end_time=end, fields=0, restart=restart)

@@ -11,6 +11,7 @@ import numpy as np
 import periodic_cells
 import scenes
 from asked_scenes import run_asked
+from dolfinx.mesh import create_box
 from mpi4py import MPI
 from scenes import BOTTOM, LEFT, RIGHT, TOP, box_bodies, mesh_of, midpoints
 
@@ -222,6 +223,24 @@ def tied():
     return replace(scene, loads=loads, initial_velocity=None), {"step": 1.0, **STATIC}, 3
 
 
+def bridged():
+    """Two boxes in space, each one body, which only a tie by nodes joins."""
+    corners = [[(0.0, 0.0, 0.0), (0.5, 1.0, 1.0)], [(0.5, 0.0, 0.0), (1.0, 1.0, 1.0)]]
+    halves = [create_box(MPI.COMM_SELF, c, (2, 2 + n, 2 + n)) for n, c in enumerate(corners)]
+    mesh, tags = meshed_scenes.unmatched(
+        join_meshes(halves),
+        {LEFT: lambda x: x[0] < 1e-9, RIGHT: lambda x: x[0] > 1.0 - 1e-9,
+         11: lambda x: np.abs(x[0] - 0.5) < 1e-9},
+    )  # fmt: skip
+    own = mesh.topology.index_map(3).size_local
+    scene = xf.Scene(
+        xf.explode(mesh, (midpoints(mesh)[0, :own] > 0.5).astype(int), facet_tags=tags),
+        {1: ELASTIC}, ties=[xf.Tie(16, 11, xf.laws.CohesiveZone(10.0, 1e-2, 0.1), "nodes")],
+        loads=moved((LEFT, 0, 0.0), (LEFT, 1, 0.0), (LEFT, 2, 0.0), (RIGHT, 0, 2e-2)),
+    )  # fmt: skip
+    return scene, {"step": 1.0, **STATIC}, 3
+
+
 def blocks(x):
     return 4 * (x[1] > 0.0).astype(int) + (3.999 * x[0]).astype(int)
 
@@ -333,7 +352,7 @@ def loose():
 SCENES = {
     f.__name__: f
     for f in (drawn, wedged, turned, rigid, touching, nearing, held, leaning, pushed,
-              indented, swept, sprung, inert, tied,
+              indented, swept, sprung, inert, tied, bridged,
               peeled, unrolled, row, stopped, inert_cell, cell, turned_cell, celled_path, loose)
 }  # fmt: skip
 

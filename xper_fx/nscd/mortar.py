@@ -27,7 +27,7 @@ traces no kinks but those that the meshes share, and lock.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -48,6 +48,27 @@ RULES = ("mortar", "nodes")
 _APART, _SLIVER = 1e-6, 1e-9
 # Share of a candidate facet that antagonists may leave uncovered.
 _UNCOVERED = 1e-6
+
+
+class TiedPoints(NamedTuple):
+    """Points of a tie: those of all ranks, or what `share_ties` has left of them for one."""
+
+    points: InteractionPoints  #: on nodes that are rows of the last two arrays
+    x: np.ndarray  #: shape (num_points, dim), where they are (m)
+    #: shape (num_points, 2), candidate and antagonist, by numbers that all ranks have alike
+    bodies: np.ndarray
+    node: np.ndarray  #: shape (num_nodes,), numbers of nodes on their ranks
+    rank: np.ndarray  #: shape (num_nodes,), ranks of nodes
+
+    def take(self, which: np.ndarray) -> TiedPoints:
+        """Some of the points."""
+        return self._replace(
+            points=self.points.take(which), x=self.x[which], bodies=self.bodies[which]
+        )
+
+    def on(self, nodes: np.ndarray) -> TiedPoints:
+        """The points on nodes that `nodes`, shape (num_nodes,), has in the places of these."""
+        return self._replace(points=self.points.on(nodes))
 
 
 def nonmatching_points(

@@ -30,6 +30,7 @@ class Tables(NamedTuple):
     thickness: np.ndarray  #: shape (f,), m
     exposed: np.ndarray  #: shape (f,), bool
     ajar: np.ndarray  #: shape (f,), bool
+    edges: np.ndarray  #: shape (f, 3), which edges are one (`Bonds.joined_edges`); (f, 0) in 2D
     node: np.ndarray  #: shape (n,), ascending
     start: np.ndarray  #: shape (n, dim), where nodes were at the start (m)
     weld: np.ndarray  #: shape (n,), smallest node of each node's weld
@@ -43,8 +44,8 @@ class Tables(NamedTuple):
         nodes = np.isin(self.node, self.corners[facets])
         there = np.isin(self.which, bodies)
         return Tables(
-            *(a[facets] for a in self[:7]), *(a[nodes] for a in self[7:10]),
-            *(a[there] for a in self[10:]),
+            *(a[facets] for a in self[:8]), *(a[nodes] for a in self[8:11]),
+            *(a[there] for a in self[11:]),
         )  # fmt: skip
 
 
@@ -54,8 +55,8 @@ def joined(parts: Sequence[Tables]) -> Tables:
     orders = (np.argsort(column) for column in (whole.facet, whole.node, whole.which))
     facets, nodes, bodies = orders
     return Tables(
-        *(a[facets] for a in whole[:7]), *(a[nodes] for a in whole[7:10]),
-        *(a[bodies] for a in whole[10:]),
+        *(a[facets] for a in whole[:8]), *(a[nodes] for a in whole[8:11]),
+        *(a[bodies] for a in whole[11:]),
     )  # fmt: skip
 
 
@@ -63,6 +64,8 @@ class OwnSurface(NamedTuple):
     """The surface of a rank's own bodies, and all bonds that the rank knows."""
 
     surface: Surface  #: facets of own bodies; bond i is facing facet i of the bodies known here
+    #: in 3D these and, behind them, facets of others' bodies that bonds hide, on the same nodes
+    with_hidden: Surface | None
     facet: np.ndarray  #: numbers of facets
     node: np.ndarray  #: numbers of nodes, in the order of the facets
     start: np.ndarray  #: shape (num_nodes, dim), m
@@ -99,11 +102,21 @@ def own_surface(bodies: Bodies, V, groups, rank: int) -> OwnSurface:
     in_order = np.argsort(number)
     place = np.empty(len(number), np.int32)
     place[in_order] = np.arange(len(number))
-    own = bodies.spread.rank_of_body[whole.body] == rank
-    surface, at = Surface(
-        place[whole.facets[own]], whole.body[own], len(number), whole.group[own], whole.groups,
-        whole.bond[own], place[whole.bond_nodes], whole.bond_bodies, whole.thickness[own],
-    ).compact()  # fmt: skip
+    is_own = bodies.spread.rank_of_body[whole.body] == rank
+    own = np.flatnonzero(is_own)
+
+    def taken(facets: np.ndarray) -> tuple[Surface, np.ndarray]:
+        return Surface(
+            place[whole.facets[facets]], whole.body[facets], len(number), whole.group[facets],
+            whole.groups, whole.bond[facets], place[whole.bond_nodes], whole.bond_bodies,
+            whole.thickness[facets],
+        ).compact()  # fmt: skip
+
+    surface, at = taken(own)
+    with_hidden = None
+    if dim == 3:  # their nodes are those of bonds
+        hidden = np.flatnonzero(~is_own & (whole.bond >= 0))
+        with_hidden, _ = taken(np.concatenate([own, hidden]))
     dof = in_order[at]
     start = V.tabulate_dof_coordinates()[dof, :dim]
-    return OwnSurface(surface, facet[own], number[dof], start, dof, body[dof])
+    return OwnSurface(surface, with_hidden, facet[own], number[dof], start, dof, body[dof])

@@ -39,26 +39,22 @@ class LocalBodies:
     cell_of: np.ndarray
 
 
-def divide(
-    bodies: Bodies, ranks: Ranks, group_of_body: np.ndarray | None = None, touching: bool = False
-) -> LocalBodies:
+def divide(bodies: Bodies, ranks: Ranks, touching: bool = False) -> LocalBodies:
     """Divide bodies among ranks and take this rank's.
 
     Args:
         bodies: all bodies, the same on every rank; or those of a mesh that is spread, which stay
             where they are.
-        group_of_body: shape (num_bodies,), whole numbers from zero on; bodies of one group come to
-            one rank. None if each is free.
-        touching: whether bodies that are near each other may come into contact, and should be on
-            one rank.
+        touching: whether bodies that are near each other are tied or may come into contact, and
+            should be on one rank.
 
     Raises:
-        ValueError: fewer bodies than ranks, or groups of them.
+        ValueError: fewer bodies than ranks.
     """
     if bodies.spread is not None:
         return _take(bodies, bodies.spread.rank_of_body, ranks.rank)
     near = neighbours(bodies) if touching else np.zeros((0, 2), np.int64)
-    rank_of_body = bodies_by_rank(bodies, ranks.size, group_of_body, near)
+    rank_of_body = bodies_by_rank(bodies, ranks.size, near)
     return _take(bodies, ranks.comm.bcast(rank_of_body), ranks.rank)
 
 
@@ -88,7 +84,6 @@ def boxes_of(bodies: Bodies) -> tuple[np.ndarray, np.ndarray]:
 def bodies_by_rank(
     bodies: Bodies,
     num_ranks: int,
-    group_of_body: np.ndarray | None = None,
     near: np.ndarray | None = None,
 ) -> np.ndarray:
     """Rank of each body, shape (num_bodies,), by their cells and facing facets; see `divide`.
@@ -100,11 +95,7 @@ def bodies_by_rank(
     weights += _FACET * np.bincount(pairs.ravel(), minlength=bodies.num_bodies)
     if near is not None:
         pairs = np.concatenate([pairs, near])
-    exchanged = np.ones(len(pairs), int)
-    if group_of_body is None:
-        return partition_bodies(weights, pairs, exchanged, num_ranks)
-    weights = np.bincount(group_of_body, weights).astype(int)
-    return partition_bodies(weights, group_of_body[pairs], exchanged, num_ranks)[group_of_body]
+    return partition_bodies(weights, pairs, np.ones(len(pairs), int), num_ranks)
 
 
 def _take(bodies: Bodies, rank_of_body: np.ndarray, rank: int) -> LocalBodies:

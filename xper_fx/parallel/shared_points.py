@@ -35,7 +35,7 @@ class SharedPoints(NamedTuple):
     phase: np.ndarray  #: shape (num_points,), as `Halo.phase`
     meetings: np.ndarray  #: shape (num_ranks, num_ranks), as of `Halo`
     asked: dict[int, np.ndarray]  #: by rank, nodes of this rank that are ghosts there
-    num_ghosts: dict[int, int]  #: by rank, how many of its nodes are ghosts here
+    ghosts: dict[int, np.ndarray]  #: by rank, nodes of it that are ghosts here, ascending
     points_a_facet: int  #: points on each facet
     #: as of `Halo`, where vertices are solved alone and points have lips
     at_points: tuple[dict[int, np.ndarray], dict[int, np.ndarray]] | None
@@ -155,7 +155,7 @@ def shared_points(
         phase,
         table,
         {rank: own_nodes for rank, (own_nodes, _) in asked.items()},
-        {rank: len(its_nodes) for rank, (its_nodes, _) in wanted.items()},
+        {rank: its_nodes for rank, (its_nodes, _) in wanted.items()},
         a_facet,
         at_points,
     )

@@ -40,7 +40,7 @@ def share_wall(
     for rank, got in enumerate(ranks.comm.alltoall(told)):
         if got is not None:
             parts.append((got[0], first + got[1], *got[2:]))
-        first += shared.num_ghosts.get(rank, 0)
+        first += len(shared.ghosts.get(rank, ()))
     wall = tuple(map(np.concatenate, zip(*parts, strict=True)))
     order = np.argsort(wall[0])
     wall = tuple(array[order] for array in wall)

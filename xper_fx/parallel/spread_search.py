@@ -27,7 +27,7 @@ from xper_fx.nscd.search.rigid_side import RigidSide
 from xper_fx.nscd.search.surface import Surface
 from xper_fx.nscd.search.surface_search import SurfaceSearch, renamed
 from xper_fx.parallel.halo import Exchange
-from xper_fx.parallel.known_surface import OwnSurface, Tables, joined
+from xper_fx.parallel.known_surface import MOST, OwnSurface, Tables, joined
 from xper_fx.support.ranks import Ranks
 
 
@@ -122,8 +122,9 @@ class SpreadSearch:
         self._node, self._facet, self._start = own.node, own.facet, own.start
         self.reach, self._pairs, self._hollows = reach, pairs, hollows
         self._bonds = Bonds(own.surface, released)
+        self._around = None if own.with_hidden is None else Bonds(own.with_hidden, released)
         rank_of_body = bodies.spread.rank_of_body
-        self._rank_of_node = rank_of_body[own.body_of_node]
+        self._rank_of_body, self._rank_of_node = rank_of_body, rank_of_body[own.body_of_node]
         self.own = np.unique(own.surface.facets)
         self._number_of_body = bodies.labels
         self._body_of_node = own.body_of_node
@@ -163,11 +164,15 @@ class SpreadSearch:
     def expose(self, bonds: np.ndarray) -> None:
         """Free the facets of bonds that broke, as `SurfaceSearch.expose`."""
         self._bonds.expose(bonds)
+        if self._around is not None:
+            self._around.expose(bonds)
         self._stale = True
 
     def release(self, bonds: np.ndarray) -> None:
         """Let the lips of broken bonds meet like any facets, as `SurfaceSearch.release`."""
         self._bonds.release(bonds)
+        if self._around is not None:
+            self._around.release(bonds)
         self._stale = True
 
     def find(
@@ -242,6 +247,8 @@ class SpreadSearch:
         search.bonds.exposed[:], search.bonds.ajar[:] = tables.exposed, tables.ajar
         search.bonds.weld[:] = np.unique(tables.weld, return_inverse=True)[1]
         search.bonds.fragment[:] = tables.fragment
+        if surface.dim == 3:
+            search.bonds.edges = tables.edges
         search.lists.skin = self._skin
         self.x = tables.start.copy()
         self.x[known.own_node] = x
@@ -254,11 +261,24 @@ class SpreadSearch:
         surface, own, bodies = self.surface, self.own, np.unique(self.surface.body)
         return Tables(
             self._facet, self._node[surface.facets], self._number_of_body[surface.body],
-            surface.group, surface.thickness, self._bonds.exposed, self._bonds.ajar,
+            surface.group, surface.thickness, self._bonds.exposed, self._bonds.ajar, self._edges(),
             self._node[own], self._start[own], self._node[self._bonds.weld[own]],
             self._number_of_body[bodies], self._fragment[bodies],
             np.full(len(bodies), self._ranks.rank),
         )  # fmt: skip
+
+    def _edges(self) -> np.ndarray:
+        """Which edges of own exposed facets are one, by numbers that all ranks have alike.
+
+        All bodies around an edge of one's own are known, and the bonds between them.
+        """
+        if self._around is None:
+            return np.zeros((len(self.surface), 0), np.int64)
+        out = np.full((len(self.surface), 3), -1, np.int64)
+        exposed = np.flatnonzero(self._bonds.exposed)
+        ends = np.divmod(self._around.joined_edges(exposed), self.surface.num_nodes)
+        out[exposed] = self._node[ends[0]] * MOST + self._node[ends[1]]
+        return out
 
     def _given(self, x: np.ndarray) -> list[np.ndarray]:
         """By rank, numbers of own bodies that it is to know."""
@@ -281,9 +301,34 @@ class SpreadSearch:
             if len(here) and len(low_there):
                 met = box_pairs(low[here], high[here], low_there, high_there)
                 near = bodies[here[np.unique(met[:, 0])]]
-            near = np.concatenate([near, self._welded_to(rank)])
-            out.append(self._number_of_body[np.unique(near)])
-        return out
+            out.append(np.unique(np.concatenate([near, self._welded_to(rank)])))
+        if self.surface.dim == 3:
+            out = self._with_joined(out)
+        return [self._number_of_body[bodies] for bodies in out]
+
+    def _with_joined(self, given: list[np.ndarray]) -> list[np.ndarray]:
+        """Own bodies that ranks are to know, and those that share welds with what they are given.
+
+        Whether an edge is convex hangs on all facets that have it, of bodies of any ranks.
+
+        Args:
+            given: by rank, own bodies.
+        """
+        ranks, weld, body = self._ranks, self._bonds.weld, self._body_of_node
+        asked: list[list] = [[np.zeros((0, 2), np.int64)] for _ in range(ranks.size)]
+        for rank, bodies in enumerate(given):
+            if not len(bodies):
+                continue
+            there = np.zeros(len(weld), bool)
+            there[weld[np.isin(body, bodies)]] = True
+            joined = np.unique(body[there[weld]])
+            of_rank = self._rank_of_body[joined]
+            for other in np.setdiff1d(of_rank, [rank]):
+                numbers = self._number_of_body[joined[of_rank == other]]
+                asked[other].append(np.column_stack([np.full(len(numbers), rank), numbers]))
+        heard = np.concatenate(ranks.comm.alltoall([np.concatenate(rows) for rows in asked]))
+        place = np.searchsorted(self._number_of_body, heard[:, 1])
+        return [np.union1d(bodies, place[heard[:, 0] == rank]) for rank, bodies in enumerate(given)]
 
     def _boxes(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Boxes around bodies that hold what may touch own ones, of others inf and -inf."""

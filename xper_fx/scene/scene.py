@@ -94,7 +94,6 @@ class Scene:
         rigid_bodies: the rigid bodies as arrays, None without any.
 
     Raises:
-        SerialOnlyError: ties beside a mesh that is spread over ranks.
         ValueError: a tag without material or law, a tag that occurs nowhere, an order or a rule
             that does not exist, groups that can meet and that no contact names, a rigid wall
             that looks away from all bodies, rigid bodies that overlap.
@@ -224,8 +223,6 @@ class Scene:
         )
 
     def _check_with_mesh(self) -> None:
-        if self.ties:
-            self.bodies.require_whole("A scene with `ties`")
         if self.rigid_bodies is not None and self.rigid_bodies.dim != self.dim:
             raise ValueError(
                 f"The mesh has dimension {self.dim}, the rigid bodies {self.rigid_bodies.dim}."

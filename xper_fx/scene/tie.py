@@ -3,19 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bodies.meshes import facet_cells, midpoints_of
-from xper_fx.nscd.facets import no_points
 from xper_fx.nscd.laws.law import Law
-from xper_fx.nscd.mortar import RULES, nonmatching_points
-from xper_fx.nscd.points import InteractionPoints
+from xper_fx.nscd.mortar import RULES, TiedPoints, nonmatching_points
 from xper_fx.scene.facet_laws import require_law
 from xper_fx.support.checks import require_integer
 
@@ -23,6 +18,8 @@ if TYPE_CHECKING:
     from dolfinx.fem import FunctionSpace
 
     from xper_fx.bodies.explode import Bodies
+    from xper_fx.parallel.local_bodies import LocalBodies
+    from xper_fx.support.ranks import Ranks
 
 
 @dataclass(frozen=True)
@@ -81,57 +78,55 @@ class Tie:
                 )
 
 
-def tied_groups(ties: Sequence[Tie], bodies: Bodies) -> np.ndarray:
-    """Groups of bodies that ties join, directly or through others.
-
-    Returns:
-        The group of each body, shape (num_bodies,), int32; a body without a tie is one of its own.
-    """
-    cell = facet_cells(bodies.mesh)[0][:, 0]
-    first, other = [np.zeros(0, int)], [np.zeros(0, int)]
-    for tie in ties:
-        tags = bodies.facet_tags
-        facets = tags.indices[np.isin(tags.values, (tie.candidates, tie.antagonists))]
-        tied = np.unique(bodies.body_of_cell[cell[facets]])
-        first.append(np.full(len(tied), tied[0]))
-        other.append(tied)
-    a, b = np.concatenate(first), np.concatenate(other)
-    graph = coo_array((np.ones(len(a)), (a, b)), shape=2 * (bodies.num_bodies,))
-    return connected_components(graph, directed=False)[1]
-
-
 def tie_points(
-    tie: Tie, V: FunctionSpace, bodies: Bodies, turns: bool
-) -> tuple[InteractionPoints, np.ndarray]:
-    """Points of a tie, on the nodes of a space of order 1.
+    tie: Tie, V: FunctionSpace, bodies: Bodies, part: LocalBodies | None, ranks: Ranks, turns: bool
+) -> TiedPoints:
+    """Points of a tie, on the nodes of a space of order 1; all ranks call it together.
+
+    Each rank is told the surfaces of all and finds the same points: which nodes face which is known
+    to none of them alone.
 
     Args:
-        V: vector Lagrange space of order 1 on `bodies.mesh`.
+        V: vector Lagrange space of order 1 on the mesh of this rank's bodies.
+        bodies: of the scene.
+        part: what of them is this rank's, None if it has all.
         turns: whether frames turn with the surfaces.
-
-    Returns:
-        The points, and the pairs of bodies that they join, shape (num_points, 2). None where the
-        surfaces are those of other ranks' bodies.
 
     Raises:
         ValueError: the surfaces do not fit each other (`nonmatching_points`).
     """
-    mesh = bodies.mesh
-    dim = mesh.geometry.dim
-    if not len(bodies.facet_tags.find(tie.candidates)):
-        return no_points(dim), np.zeros((0, 2), int)
-    cells_of_facet, local = (a[:, 0] for a in facet_cells(mesh))
-    x = V.tabulate_dof_coordinates()[:, :dim]
-    layout, dofmap = V.dofmap.dof_layout, V.dofmap.list
-    facet_dofs = np.array([layout.entity_closure_dofs(dim - 1, f) for f in range(local.max() + 1)])
-    surfaces, owners = [], []
+    if part is None:
+        own, body, cell = bodies, np.arange(bodies.num_bodies), np.arange(len(V.dofmap.list))
+    else:
+        own, body = part.bodies, bodies.numbers_on_all(part.body_numbers)
+        cell = part.cells if bodies.spread is None else own.parent_cell
+    dim = own.mesh.geometry.dim
+    cells_of_facet, local = (a[:, 0] for a in facet_cells(own.mesh))
+    x, dofmap = V.tabulate_dof_coordinates()[:, :dim], V.dofmap.list
+    layout = V.dofmap.dof_layout
+    facet_dofs = np.array([layout.entity_closure_dofs(dim - 1, f) for f in range(dim + 1)])
+    # nodes are numbered as cells name them first, where all are on one rank, too
+    named, first = np.unique(dofmap, return_index=True)
+    number = np.empty(len(x), np.int64)
+    number[named] = cell[first // dofmap.shape[1]] * dofmap.shape[1] + first % dofmap.shape[1]
+    told = []
     for tag in (tie.candidates, tie.antagonists):
-        facets = bodies.facet_tags.find(tag)
+        facets = own.facet_tags.find(tag)
         cells = cells_of_facet[facets]
-        surfaces.append(dofmap[cells[:, None], facet_dofs[local[facets]]])
-        owners.append(cells)
-    inside = midpoints_of(x, dofmap[owners[0]])
-    body = np.empty(len(x), np.int64)
-    body[dofmap.ravel()] = np.repeat(bodies.body_of_cell, dofmap.shape[1])
-    points = nonmatching_points(x, *surfaces, inside, body, tie.rule, turns)
-    return points, body[points.nodes[:, :, 0]]
+        nodes = dofmap[cells[:, None], facet_dofs[local[facets]]].ravel()
+        of_rank, inside = np.full(len(nodes), ranks.rank), midpoints_of(x, dofmap[cells])
+        of_body = body[own.body_of_cell[cells]].repeat(dim)
+        told.append((number[nodes], nodes, of_rank, of_body, x[nodes], inside))
+    heard = [told] if ranks.alone else ranks.comm.allgather(told)
+    surfaces = [
+        tuple(map(np.concatenate, zip(*of_ranks, strict=True)))
+        for of_ranks in zip(*heard, strict=True)
+    ]
+    number, node, rank, body, x, _ = map(np.concatenate, zip(*surfaces, strict=True))
+    _, one, place = np.unique(number, return_index=True, return_inverse=True)
+    node, rank, body, x = node[one], rank[one], body[one], x[one]
+    corners = place.reshape(-1, dim)
+    count, inside = len(surfaces[0][-1]), surfaces[0][-1]
+    points = nonmatching_points(x, corners[:count], corners[count:], inside, body, tie.rule, turns)
+    sides = points.nodes[:, :, 0]
+    return TiedPoints(points, x[sides[:, 0]], body[sides], node, rank)

@@ -63,12 +63,7 @@ def decomposed(scene: Scene, options: Options, team: Ranks, stopwatch: Stopwatch
     from xper_fx.parallel.local_bodies import divide
 
     with stopwatch.phase("partition"):
-        groups = None
-        if scene.ties:
-            from xper_fx.scene.tie import tied_groups
-
-            groups = tied_groups(scene.ties, scene.bodies)
-        part = divide(scene.bodies, team, groups, touching)
+        part = divide(scene.bodies, team, touching or len(scene.ties) > 0)
         if scene.rigid_bodies is None:
             return Decomposition(team, part)
         from xper_fx.parallel.rigid_share import share_rigid
@@ -132,15 +127,13 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
                 and not splits_beside_rigid_bodies(scene),
             ),
             (
-                "bonds beside contacts that are searched in space on a mesh that is spread",
-                touching and spread and scene.dim == 3 and _has_bonds(scene, team),
+                "fewer bodies than ranks",
+                (touching or scene.ties) and scene.bodies.counts[0] < team.size,
             ),
-            ("fewer bodies than ranks", touching and scene.bodies.counts[0] < team.size),
-            ("ties", scene.ties and _cannot_tie(scene, team.size)),
             (f'solver="{_name(options.solver)}"', options.solver not in _ON_RANKS),
             (
                 "nothing between bodies",
-                scene.bodies and not (touching or scene.bodies.present.facing),
+                scene.bodies and not (touching or scene.ties or scene.bodies.present.facing),
             ),
         )
         if there
@@ -159,16 +152,3 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
 
 def _name(solver: str | Solver) -> str:
     return solver.name if isinstance(solver, Solver) else solver
-
-
-def _has_bonds(scene: Scene, team: Ranks) -> bool:
-    """Whether a law joins some facing facets, on any rank."""
-    _, law_of_facet = scene.law_of_facet()
-    return team.max(float((law_of_facet >= 0).any())) > 0.0
-
-
-def _cannot_tie(scene: Scene, num_ranks: int) -> bool:
-    """Whether bodies that ties keep on one rank leave a rank without any."""
-    from xper_fx.scene.tie import tied_groups
-
-    return int(tied_groups(scene.ties, scene.bodies).max()) + 1 < num_ranks

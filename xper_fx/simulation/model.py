@@ -17,7 +17,6 @@ from xper_fx.forms.loads import PrescribedDisplacement, PrescribedVelocity
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.laws.parameters import fields_of
 from xper_fx.nscd.point_group import bytes_of_groups
-from xper_fx.nscd.points import InteractionPoints
 from xper_fx.scene.facet_laws import require_kernels
 from xper_fx.scene.scene import Scene
 from xper_fx.scene.scene_doubts import tell_doubts
@@ -45,6 +44,7 @@ if TYPE_CHECKING:
     from xper_fx.bulk.explicit import ExplicitScheme
     from xper_fx.bulk.implicit import ImplicitScheme
     from xper_fx.bulk.rigid_only import EmptyScheme
+    from xper_fx.nscd.mortar import TiedPoints
     from xper_fx.nscd.rigid.motion import RigidMotion
     from xper_fx.parallel.local_bodies import LocalBodies
     from xper_fx.simulation.accuracy_control import AccuracyControl
@@ -110,7 +110,7 @@ class Model:
             scene, options, team, stopwatch
         )
         self.bodies = scene.bodies if self.part is None else self.part.bodies
-        self.bulk = self._bulk()
+        self.bulk, ties = self._bulk()
         self.begins_explicit = _begins_explicit(options, scene, self.bulk, self.part)
         if self.begins_explicit:
             self.options = options = replace(options, scheme="explicit")
@@ -126,7 +126,7 @@ class Model:
             and (not searched or bonds_split(scene))
             and (self.rigid is None or splits_beside_rigid_bodies(scene))
         )  # fmt: skip
-        self.points = ScenePoints(scene, self.bulk, self._ties, self.part, self.by_vertex)
+        self.points = ScenePoints(scene, self.bulk, ties, self.part, self.by_vertex)
         self.detection = self._detection() if searched else None
         self._laws = (self.points if self.detection is None else self.detection).laws
         self.joints: JointedBodies | None = None
@@ -179,13 +179,14 @@ class Model:
 
     # Bulk
 
-    def _bulk(self) -> Bulk:
+    def _bulk(self) -> tuple[Bulk, list[TiedPoints]]:
+        """The bulk, and the points of each tie, those of all ranks."""
         scene, inertia = self.scene, self.options.inertia
-        self._ties: list[tuple[InteractionPoints, np.ndarray]] = []
+        ties: list[TiedPoints] = []
         if scene.bodies is None:
             from xper_fx.bulk.rigid_only import EmptyBulk
 
-            return EmptyBulk(scene.dim)
+            return EmptyBulk(scene.dim), ties
         driven = PrescribedVelocity | PrescribedDisplacement
         motions = [load for load in scene.loads if isinstance(load, driven)]
         forces = [load for load in scene.loads if not isinstance(load, driven)]
@@ -195,16 +196,18 @@ class Model:
         if scene.ties:
             from xper_fx.scene.tie import tie_points
 
-            self._ties = [
-                tie_points(tie, forms.V, self.bodies, forms.finite_strain) for tie in scene.ties
+            ties += [
+                tie_points(tie, forms.V, scene.bodies, self.part, self.ranks, forms.finite_strain)
+                for tie in scene.ties
             ]
-        joined = () if inertia else self._joined_bodies()
+        joined = () if inertia else self._joined_bodies(ties)
         if scene.macroscopic is None:
             numbers = self.part and scene.bodies.numbers_on_all(self.part.body_numbers)
             leaning = () if inertia else leaning_bodies(scene, self.bodies)
-            return Bulk(
+            bulk = Bulk(
                 forms, motions, scene.damping, inertia, joined, self.ranks, numbers, leaning
             )
+            return bulk, ties
         from xper_fx.periodic.two_field import CellBulk
 
         bulk = CellBulk(forms, scene.macroscopic, inertia, joined, self.ranks)
@@ -213,16 +216,13 @@ class Model:
                 "A static run of a periodic cell of several bodies takes the monolithic solver: "
                 f'leave solver at "auto", got "{self.options.solver}".'
             )
-        return bulk
+        return bulk, ties
 
-    def _joined_bodies(self) -> np.ndarray:
+    def _joined_bodies(self, ties: list[TiedPoints]) -> np.ndarray:
         """Pairs of bodies between which interactions act, those known here, shape (n, 2)."""
         bodies, (_, law) = self.scene.bodies, self.scene.law_of_facet()
-        tied = [pair for _, pair in self._ties]
-        if self.part is not None:
-            own = [self.part.body_numbers[pair] for pair in tied]
-            tied = [pair for pairs in self.ranks.comm.allgather(own) for pair in pairs]
-        return bodies.numbers_on_all(np.concatenate([bodies.facets.bodies[law >= 0], *tied]))
+        facing = bodies.numbers_on_all(bodies.facets.bodies[law >= 0])
+        return np.concatenate([facing, *(tied.bodies for tied in ties)])
 
     def _rigid_motion(self) -> RigidMotion | None:
         if self.scene.rigid_bodies is None:

@@ -21,6 +21,7 @@ from xper_fx.nscd.points import InteractionPoints
 if TYPE_CHECKING:
     from xper_fx.bulk.bulk import Bulk
     from xper_fx.nscd.inverse_blocks import BodyInverse
+    from xper_fx.nscd.mortar import TiedPoints
     from xper_fx.parallel.halo import Halo
     from xper_fx.parallel.local_bodies import LocalBodies
     from xper_fx.scene.scene import Scene
@@ -35,7 +36,7 @@ class ScenePoints:
 
     Args:
         bulk: of its meshed bodies, or an empty one.
-        ties: points of each tie and the bodies that they join (`ties.tie_points`).
+        ties: points of each tie, those of all ranks.
         part: what this rank has of the bodies, None if one rank has all.
         by_vertex: whether each vertex is solved alone.
 
@@ -51,7 +52,7 @@ class ScenePoints:
         self,
         scene: Scene,
         bulk: Bulk,
-        ties: list[tuple[InteractionPoints, np.ndarray]],
+        ties: list[TiedPoints],
         part: LocalBodies | None,
         by_vertex: bool,
     ):
@@ -62,20 +63,14 @@ class ScenePoints:
         self._turns = scene.bodies is not None and bulk.forms.finite_strain
         self._num_nodes = self._ground = bulk.num_dofs // bulk.dim
         self._points, self._law_of_point = [], [np.zeros(0, int)]
-        self._tied: list[np.ndarray] = []
-        self._tied_here: list[np.ndarray] = []
+        self._ties = ties if part is not None else [tied.on(tied.node) for tied in ties]
         self._numbers: list[np.ndarray] = []
+        self._phase: list[np.ndarray] = []
         self._on_walls: list[np.ndarray] = []
         if scene.bodies is not None:
             self._take_facets()
-            for tie, (points, pairs) in zip(scene.ties, ties, strict=True):
-                self._take(points, tie.law)
-                self._tied.append(pairs)
-            self._tied_here = list(self._tied)
-            if part is not None:
-                self._numbers.append(self._shared.numbers)
-                self._num_points_of_all = self._shared.num_points_of_all
-                self._share_ties()
+            for tie, tied in zip(scene.ties, self._ties, strict=True):
+                self._take(tied.points, tie.law)
             self._take_walls()
 
     @property
@@ -100,16 +95,14 @@ class ScenePoints:
 
     def apart_from_facets(self) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Position, normal (shape (n, dim)) and area of the points of each tie and wall."""
-        dim, first = self._scene.dim, 1 if self.points_a_facet else 0
-        at = np.zeros((self._ground + 1, dim))
-        at[self._bulk.unknowns.node_of] = self._bulk.forms.V.tabulate_dof_coordinates()[:, :dim]
-        of_ties = self._points[first : first + len(self._tied)]
-        x = [np.einsum("pk,pkd->pd", p.weights[:, 0], at[p.nodes[:, 0]]) for p in of_ties]
-        others = zip(x + self._on_walls, self._points[first:], strict=True)
+        x = [tied.x for tied in self._ties] + self._on_walls
+        others = zip(x, self._points[len(self._points) - len(x) :], strict=True)
         return [(x, points.frame[:, 0], points.area) for x, points in others]
 
     def bodies_of_points(self) -> np.ndarray:
         """Candidate and antagonist of the points on facets and in ties, on all ranks.
+
+        All ranks call it together.
 
         Returns:
             Shape (num_points, 2), int; points of walls, which come last in the scene, are left out.
@@ -117,7 +110,14 @@ class ScenePoints:
         if self._scene.bodies is None:
             return np.zeros((0, 2), int)
         pairs = self._scene.bodies.facets.bodies[self.facets_with_law]
-        return np.concatenate([np.repeat(pairs, self.points_a_facet, axis=0), *self._tied])
+        facing = np.repeat(pairs, self.points_a_facet, axis=0)
+        if not self._ties:
+            return facing
+        tied = np.concatenate([tied.bodies for tied in self._ties])
+        if self._part is not None:
+            numbers = np.concatenate(self._numbers[1 : 1 + len(self._ties)])
+            tied = self._bulk.ranks.gather(numbers - len(facing), tied)
+        return np.concatenate([facing, tied])
 
     def bodies_of_own_points(self) -> np.ndarray:
         """As `bodies_of_points`, of this rank's points, by numbers that all ranks have alike."""
@@ -126,7 +126,8 @@ class ScenePoints:
             return np.zeros((0, 2), int)
         facet = self.on_facets()[0] // max(self.points_a_facet, 1)
         pairs = bodies.facets.bodies[self.facets_with_law[facet]]
-        return bodies.numbers_on_all(np.concatenate([pairs, *self._tied_here]))
+        tied = [tied.bodies for tied in self._ties]
+        return np.concatenate([bodies.numbers_on_all(pairs), *tied])
 
     def _take(self, points: InteractionPoints, law) -> None:
         if law not in self.laws:
@@ -168,18 +169,20 @@ class ScenePoints:
         )  # fmt: skip
         self.facet_numbers = shared.facet_numbers
         self.points_a_facet = shared.points_a_facet
-        self._ground += sum(shared.num_ghosts.values())
+        self._numbers.append(shared.numbers)
+        self._phase.append(shared.phase)
+        if self._ties:
+            from xper_fx.parallel.shared_ties import share_ties
+
+            given = share_ties(shared, self._ties, bulk.ranks, self._num_nodes)
+            shared = self._shared = given.shared
+            self._ties = given.ties
+            self._numbers += given.numbers
+            self._phase.append(given.phase)
+        self._num_points_of_all = shared.num_points_of_all
+        self._ground += sum(map(len, shared.ghosts.values()))
         self._points.append(shared.points)
         self._law_of_point.append(shared.law_of_point)
-
-    def _share_ties(self) -> None:
-        """Tell all ranks of the points of each tie, all of which are on one rank."""
-        self._tied_here = [self._part.body_numbers[pairs] for pairs in self._tied]
-        tied = self._bulk.ranks.comm.allgather(self._tied_here)
-        for number, pairs in enumerate(zip(*tied, strict=True)):
-            self._numbers.append(self._num_points_of_all + np.arange(len(self._tied[number])))
-            self._tied[number] = np.concatenate(pairs)
-            self._num_points_of_all += len(self._tied[number])
 
     def _take_walls(self) -> None:
         k = self._points[0].nodes.shape[2] if self._points else 1
@@ -295,14 +298,15 @@ class ScenePoints:
 
         shared, numbers = self._shared, np.concatenate(self._numbers)
         phase = np.zeros(len(numbers), int)
-        phase[: len(shared.phase)] = shared.phase
+        joins = np.concatenate(self._phase)
+        phase[: len(joins)] = joins
         halo = Halo(
             self._bulk.ranks, blocks,
             {rank: slot[asked] for rank, asked in shared.asked.items()},
             shared.meetings, numbers, phase, shared.at_points,
         )  # fmt: skip
         slot[self._num_nodes : -1] = np.concatenate(
-            [np.zeros(0, int), *(halo.wanted[rank] for rank in shared.num_ghosts)]
+            [np.zeros(0, int), *(halo.wanted[rank] for rank in shared.ghosts)]
         )
         slot[-1] = halo.num_slots
         return halo

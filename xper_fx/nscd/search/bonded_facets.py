@@ -30,6 +30,8 @@ class Bonds:
         released: which bonds are, shape (num_bonds,), bool.
         weld: smallest node of each node's weld, shape (num_nodes,), int32.
         fragment: smallest body of each body's fragment, shape (num_bodies,), int32.
+        edges: what `joined_edges` gives for all facets, shape (f, 3), where bonds between others
+            than the surface's bodies decide it; None where it is found here.
 
     Args:
         surface: its facets and bonds.
@@ -37,7 +39,7 @@ class Bonds:
     """
 
     def __init__(self, surface: Surface, released: np.ndarray | None = None):
-        self.surface = surface
+        self.surface, self.edges = surface, None
         count = len(surface.bond_nodes)
         self.released = np.zeros(count, bool) if released is None else np.array(released, bool)
         if self.released.shape != (count,):
@@ -109,8 +111,11 @@ class Bonds:
             facets: exposed ones, shape (n,), int.
 
         Returns:
-            A number for each edge, from corner j to j + 1, shape (n, 3), int.
+            A number for each edge, from corner j to j + 1, shape (n, 3), int64: that of the lowest
+            edge it is one with, smaller node times `num_nodes` plus larger node.
         """
+        if self.edges is not None:
+            return self.edges[facets]
         surface = self.surface
         own = _edges(surface.facets[facets], surface.num_nodes)
         near = np.zeros(surface.num_nodes, bool)
@@ -126,7 +131,7 @@ class Bonds:
         edges, number = np.unique(np.concatenate([own.ravel(), links.ravel()]), return_inverse=True)
         ends = number.ravel()[own.size :].reshape(2, -1)
         joined = _smallest_connected(np.arange(len(edges)), ends)
-        return joined[number.ravel()[: own.size]].reshape(own.shape)
+        return edges[joined[number.ravel()[: own.size]]].reshape(own.shape)
 
     def _facets_of(self, bonds: np.ndarray) -> np.ndarray:
         """Facets that bonds hide."""

@@ -21,6 +21,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from xper_fx.nscd.algebra.small import sym_indices
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.ordering import mark_next
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
@@ -35,6 +36,10 @@ from xper_fx.nscd.solvers.sweeps import (
     prepare_sweep,
     sweep_ranks,
 )
+
+# Least of the changes of some sweeps, beside the largest, where they are steady; by how many
+# tolerances steps before may have left gaps that contradict each other.
+_STEADY, _LEFT = 0.9, 10.0
 
 
 class DistributedSweeps(Solver):
@@ -54,9 +59,10 @@ class DistributedSweeps(Solver):
         if interactions.uses_velocity_criterion:
             return _solve_by_velocities(interactions, velocity, options)
         tolerance, max_sweeps = options.tolerance, options.max_sweeps
-        halo = interactions.halo
+        halo, free = interactions.halo, velocity.copy()
         interactions.add_velocity(velocity)
         sweep = prepare_sweep(interactions, velocity, options)
+        bodies = _Bodies(interactions, free)
         least = interactions.rounding(velocity) / tolerance
         changes: list[float] = []
         for count in range(1, max_sweeps + 1):
@@ -70,7 +76,9 @@ class DistributedSweeps(Solver):
             error = change
             if change > ROUNDING:
                 error *= amplification(np.array(changes))
-            if error > tolerance:
+            if error > tolerance and (
+                change > tolerance or not bodies.rest(velocity, changed, changes, tolerance)
+            ):
                 continue
             halo.everywhere.forward(velocity)
             if interactions.evolve(velocity) <= tolerance:
@@ -109,6 +117,58 @@ class DistributedSweeps(Solver):
         if saved:
             self._vertices = _vertex_solver(interactions)
             self._vertices.restore(interactions, saved)
+
+
+class _Bodies:
+    """Whether bodies rest from sweep to sweep while their impulses change.
+
+    Where closed lips make a ring around a vertex, what the last of them asks of the velocities
+    follows from what the others ask, but for what steps before have left of their gaps: no impulses
+    meet all of it to the last digit. Each sweep then adds the same dr around the ring, for ever,
+    and moves no body. Such impulses have arrived where |dr| is within the tolerance, and breaks the
+    laws by a few tolerances in velocities, which are measured as those of rigid bodies (`nlgs.py`):
+    sum_a dr_a . W_aa dr_a beside p . w p. Beside this, bonds that contradict each other break them
+    by as much however large their impulses grow.
+
+    Args:
+        free: shape (num_slots * dim,), velocities without impulses (m/s).
+    """
+
+    def __init__(self, interactions: Interactions, free: np.ndarray):
+        self._interactions, self._free = interactions, free
+        self._last: np.ndarray | None = None
+        self._moves: list[float] = []
+
+    def rest(
+        self, velocity: np.ndarray, changed: float, changes: list[float], tolerance: float
+    ) -> bool:
+        """Look at them after a sweep; all ranks call it together.
+
+        Args:
+            velocity: of the sweep.
+            changed: sum |dr|^2 of the sweep, over all ranks.
+            changes: relative changes of the last sweeps.
+        """
+        if len(changes) <= WINDOW or min(changes) < _STEADY * max(changes):
+            self._last, self._moves = None, []
+            return False
+        points, last = self._interactions, self._last
+        points.refresh_ghosts(velocity)
+        self._last = velocity.copy()
+        if last is None:
+            return False
+        squares = [np.vdot(v, v) for v in (velocity - last, velocity, velocity - self._free)]
+        move, size, push = np.sqrt(points.total(np.array(squares))).tolist()
+        self._moves = [*self._moves[-WINDOW:], move]
+        if move > ROUNDING * size and (
+            len(self._moves) == 1 or move * amplification(np.array(self._moves)) > tolerance * push
+        ):
+            return False
+        traces = [g.compliance[:, np.equal(*sym_indices(g.kernels.components))].sum(axis=1)
+                  for g in points.groups]  # fmt: skip
+        most = points.largest(max((t.max(initial=0.0) for t in traces), default=0.0))
+        energy, rounding = points.impulse_energy_norm(self._free, velocity)
+        return (changed * most) ** 0.5 <= max(_LEFT * tolerance * energy, rounding)
 
 
 def _solve_by_velocities(
