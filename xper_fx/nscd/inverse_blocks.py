@@ -75,6 +75,14 @@ class BodyInverse:
         data = np.append(entries.ravel(), np.zeros(dim))
         return cls(dim, offsets, data, offsets * dim, diagonal=True)
 
+    def rows_and_columns(self) -> tuple[np.ndarray, np.ndarray]:
+        """Degrees of freedom of each entry of `data`, where blocks are whole."""
+        sizes = np.diff(self.node_offsets) * self.dim
+        block = np.repeat(np.arange(len(sizes)), sizes**2)
+        row, column = np.divmod(np.arange(len(block)) - self.data_offsets[block], sizes[block])
+        first = self.node_offsets[block] * self.dim
+        return first + row, first + column
+
     def diagonal_of_nodes(self) -> BodyInverse:
         """The same, of one block a node, held as `of_nodes` holds it."""
         places, nodes = np.arange(self.dim) * (self.dim + 1), self.node_offsets

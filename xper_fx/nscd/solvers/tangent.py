@@ -24,8 +24,8 @@ it with two corrections added up (for an interior point Orthomin, and GMRES wher
   L + D + L^T, L being entries of w^-1, so that its product with z = (L + D)^-1 r is r + L^T z: the
   same pass over L gives both, and springs are not read again;
 - all clusters moving as one, in which no point opens: P^T w^-1 P, the matrix of the mesh before it
-  was cut, by a sparse factorisation made once for each w. It carries over any distance, and on a
-  sound mesh makes the number of iterations nearly independent of its size.
+  was cut (`clusters_as_one.py`). It carries over any distance, and on a sound mesh makes the number
+  of iterations nearly independent of its size.
 
 The second is left out where many points are open or slide: facing nodes do not move as one.
 
@@ -66,6 +66,7 @@ from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.opening_matrix import opening_matrix
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.solvers.clusters import Clusters, facing_clusters, springs_within
+from xper_fx.nscd.solvers.clusters_as_one import ClustersAsOne
 
 # Reach of the differences, relative to the local velocity; and to the largest one, where that is 0.
 _REACH, _LEAST = 1e-6, 1e-9
@@ -603,20 +604,6 @@ def _clear(portion, clusters, marked, blocks):
                 blocks[i] = 0.0
 
 
-@_KERNEL
-def _restrict(number, r, q):
-    for i in range(len(number)):
-        if number[i] >= 0:
-            q[number[i]] += r[i]
-
-
-@_KERNEL
-def _prolong(number, q, z):
-    for i in range(len(number)):
-        if number[i] >= 0:
-            z[i] += q[number[i]]
-
-
 class GroupTangents(NamedTuple):
     """D, K and g of the n points of a group, of m components each."""
 
@@ -792,8 +779,8 @@ class LinearisedProblem:
         inverse = self._interactions.inverse
         self._matrix, self._fixed, self.regular = inverted_bodies(inverse)
         self._held_dofs = np.flatnonzero(self._fixed)
+        self._as_one = None
         if self.regular and not self._always:
-            self._factor_coarse()
             nodes = np.diff(inverse.node_offsets)
             _take_couplings(
                 self._matrix, inverse.data_offsets, self._sizes, self._starts,
@@ -807,32 +794,6 @@ class LinearisedProblem:
         self._openings = []
         if self._direct and not self._always:
             self._direct, self._fresh = False, True
-
-    def _factor_coarse(self) -> None:
-        """Factor P^T w^-1 P; what is prescribed, and clusters whose translation opens, are not."""
-        clusters, dim = self._clusters, self._interactions.dim
-        cluster = np.repeat(clusters.cluster, dim) * dim + np.tile(
-            np.arange(dim), len(clusters.cluster)
-        )
-        held = np.repeat(self._opened, dim)
-        held[cluster[self._fixed]] = True
-        number = np.where(held, -1, np.cumsum(~held) - 1)
-        self._number = number[cluster]
-        count = int(np.count_nonzero(~held))
-        self._coarse = None
-        if count == 0:
-            return
-        rows, columns = _block_pairs(self._sizes, self._starts, len(self._matrix))
-        rows, columns = self._number[rows], self._number[columns]
-        kept = (rows >= 0) & (columns >= 0)
-        matrix = coo_array(
-            (self._matrix[kept], (rows[kept], columns[kept])), shape=(count, count)
-        ).tocsc()
-        self._coarse = splu(
-            matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )  # fmt: skip
-        self._coarse_force = np.empty(count)
 
     def linearise(self, velocity: np.ndarray) -> None:
         """Take D, K and g at a state; clusters whose springs are others are inverted again.
@@ -902,7 +863,7 @@ class LinearisedProblem:
         count = len(self._fixed)
         if not self._openings:
             self._openings = [opening_matrix(g, count) for g in self._interactions.groups]
-        rows, columns = _block_pairs(self._sizes, self._starts, len(self._matrix))
+        rows, columns = self._interactions.inverse.rows_and_columns()
         kept = self._matrix != 0.0
         matrix = coo_array(
             (self._matrix[kept], (rows[kept], columns[kept])), shape=(count, count)
@@ -1014,12 +975,13 @@ class LinearisedProblem:
 
     def _precondition(self, r: np.ndarray, z: np.ndarray, y: np.ndarray) -> None:
         known = self._first(r, z, y)
-        if not self._direct and self._coarse is not None and self.held > MOSTLY:
-            q = self._coarse_force
-            q[:] = 0.0
-            _restrict(self._number, r, q)
-            _prolong(self._number, self._coarse.solve(q), z)
-            known = False
+        if not self._direct and self.held > MOSTLY:
+            if self._as_one is None:
+                inverse, fixed = self._interactions.inverse, self._fixed
+                self._as_one = ClustersAsOne(
+                    self._clusters, self._opened, fixed, inverse, self._matrix
+                )
+            known = not self._as_one.add_correction(r, z) and known
         if not known:
             self._apply(z, y)
 
@@ -1042,16 +1004,3 @@ def _held(slopes, compliance):
                 total -= twice * compliance[i, entry]
                 entry += 1
     return total
-
-
-@njit
-def _block_pairs(sizes, starts, count):
-    """Row and column of each entry of the blocks."""
-    rows, columns = np.empty(count, np.int64), np.empty(count, np.int64)
-    at = 0
-    for b in range(len(sizes)):
-        for i in range(sizes[b]):
-            for j in range(sizes[b]):
-                rows[at], columns[at] = starts[b] + i, starts[b] + j
-                at += 1
-    return rows, columns
