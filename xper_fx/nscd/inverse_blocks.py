@@ -13,6 +13,8 @@ from functools import cached_property
 
 import numpy as np
 
+from xper_fx.cache import njit
+
 
 @dataclass(frozen=True)
 class BodyInverse:
@@ -77,11 +79,7 @@ class BodyInverse:
 
     def rows_and_columns(self) -> tuple[np.ndarray, np.ndarray]:
         """Degrees of freedom of each entry of `data`, where blocks are whole."""
-        sizes = np.diff(self.node_offsets) * self.dim
-        block = np.repeat(np.arange(len(sizes)), sizes**2)
-        row, column = np.divmod(np.arange(len(block)) - self.data_offsets[block], sizes[block])
-        first = self.node_offsets[block] * self.dim
-        return first + row, first + column
+        return _rows_and_columns(self.node_offsets * self.dim, len(self.data))
 
     def diagonal_of_nodes(self) -> BodyInverse:
         """The same, of one block a node, held as `of_nodes` holds it."""
@@ -191,3 +189,15 @@ class BodyInverse:
         """Block of each node slot, the ground's included; shape (num_slots,), int32."""
         sizes = np.diff(self.node_offsets)
         return np.repeat(np.arange(len(sizes), dtype=np.int32), sizes)
+
+
+@njit
+def _rows_and_columns(offsets, count):
+    rows, columns = np.empty(count, np.int64), np.empty(count, np.int64)
+    at = 0
+    for b in range(len(offsets) - 1):
+        for i in range(offsets[b], offsets[b + 1]):
+            for j in range(offsets[b], offsets[b + 1]):
+                rows[at], columns[at] = i, j
+                at += 1
+    return rows, columns
