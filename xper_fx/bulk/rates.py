@@ -105,6 +105,7 @@ class _KinksOfGroup(NamedTuple):
     falls: np.ndarray  #: a, shape (m, components), N s per m/s
     #: by how much the lips may open in the step, shape (m,), m; infinite of closed ones
     length: np.ndarray
+    rubs: np.ndarray  #: whether the lips have slid under pressure, shape (m,)
 
 
 class Kinks:
@@ -187,13 +188,13 @@ class Kinks:
         return time + load, velocity, self._impulses(changes(velocity, load * driven), g[own])
 
     def _impulses(self, moved: list[np.ndarray], g: np.ndarray) -> list[np.ndarray]:
-        """Impulses of each group after its lips have moved, with the rates of this rank's kinks."""
-        impulses = [
-            group.impulse - np.einsum("pij,pj->pi", k, du)
-            for group, k, du in zip(self._groups, self._stiffness, moved, strict=True)
-        ]
+        """Impulses of each group, where lips rub after they have moved with the rates of kinks."""
+        impulses = [group.impulse.copy() for group in self._groups]
         for (kinks, j), rate in zip(self._places, g, strict=True):
-            impulses[kinks.group][kinks.which[j]] += rate * kinks.falls[j]
+            if kinks.rubs[j]:
+                i = kinks.which[j]
+                pulled = self._stiffness[kinks.group][i] @ moved[kinks.group][i]
+                impulses[kinks.group][i] += rate * kinks.falls[j] - pulled
         return impulses
 
     def _openings(self, moved: list[np.ndarray]) -> np.ndarray:
@@ -255,7 +256,8 @@ def _kinks_of(
     length = np.where(on, limit.length[which], np.inf)
     directions = np.concatenate([opens, parts, slides])
     falls = np.concatenate([falls, parting, bears])
-    return _KinksOfGroup(limit.group, limit.first, which, directions, falls, length)
+    rubbing = np.arange(len(which)) >= len(which) - len(rubs)
+    return _KinksOfGroup(limit.group, limit.first, which, directions, falls, length, rubbing)
 
 
 def _rubbing(
