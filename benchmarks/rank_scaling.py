@@ -45,7 +45,7 @@ from notched_plate import notched_plate
 
 from xper_fx.parallel.halo import Exchange
 from xper_fx.parallel.local_bodies import bodies_by_rank
-from xper_fx.parallel.ownership import owners_by_facet, phases
+from xper_fx.parallel.ownership import Meetings, owners_by_facet
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.ranks import Ranks
 
@@ -180,7 +180,7 @@ def model(counts: list[int], one: dict, two: dict, scheme: str) -> None:
         exchanges, waits = once, once * (exchange + neighbours * LATENCY)
         sent = once * 48 * at_cut  # six dofs of a triangle
         if scheme == "implicit":
-            in_phases = 2 * one["sweeps"] * phases(sides, count).max()
+            in_phases = 2 * one["sweeps"] * Meetings(count).with_pairs(pairs).num_phases
             exchanges, waits = exchanges + in_phases, waits + in_phases * (exchange + LATENCY)
             sent += 2 * one["sweeps"] * 48 * at_cut
         waits += two["sums"] * (total + 2 * LATENCY * np.log2(count))

@@ -15,7 +15,7 @@ from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.parallel.division import partition_bodies
 from xper_fx.parallel.local_bodies import divide
-from xper_fx.parallel.ownership import owners_by_facet, owners_by_vertex, phases
+from xper_fx.parallel.ownership import Meetings, owners_by_facet, owners_by_vertex
 from xper_fx.support.ranks import Ranks
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "ranks"))
@@ -77,13 +77,17 @@ def test_every_rank_has_a_body():
 def test_a_rank_meets_one_other_in_a_phase():
     rng = np.random.default_rng(3)
     pairs = rng.integers(0, 9, (60, 2))
-    phase = phases(pairs, 9)
+    meetings = Meetings(9).with_pairs(pairs)
+    phase = meetings.of(*np.indices((9, 9)))
     np.testing.assert_array_equal(phase, phase.T)
-    for row in phase:
+    for rank, row in enumerate(phase):
         met = row[row > 0]
         assert len(met) == len(set(met.tolist()))
-    for a, b in pairs:
-        assert (phase[a, b] > 0) == (a != b)
+        for number in range(1, meetings.num_phases + 1):
+            assert meetings.partner(rank, number) == np.flatnonzero(row == number).tolist()
+    there = np.zeros((9, 9), bool)
+    there[pairs[:, 0], pairs[:, 1]] = there[pairs[:, 1], pairs[:, 0]] = True
+    np.testing.assert_array_equal(phase > 0, there & ~np.eye(9, dtype=bool))
 
 
 @pytest.mark.parametrize("kind", ["crossed", "quadrilateral", "tetrahedron", "hexahedron"])

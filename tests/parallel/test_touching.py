@@ -11,7 +11,7 @@ from on_ranks import on_ranks, runs_of
 
 from xper_fx.output.history import read_history
 from xper_fx.parallel.local_bodies import neighbours
-from xper_fx.parallel.ownership import phases
+from xper_fx.parallel.ownership import Meetings
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "ranks"))
 import touching_bodies
@@ -57,9 +57,10 @@ WEDGED = ("boxes", "split_shards", "turning_split_shards")
 
 def test_ranks_that_met_before_meet_in_the_same_phase():
     rng = np.random.default_rng(4)
-    known = phases(rng.integers(0, 7, (6, 2)), 7)
+    before = Meetings(7).with_pairs(rng.integers(0, 7, (6, 2)))
     pairs = rng.integers(0, 7, (12, 2))
-    now = phases(pairs, 7, known)
+    everybody = np.indices((7, 7))
+    known, now = before.of(*everybody), before.with_pairs(pairs).of(*everybody)
     np.testing.assert_array_equal(now, now.T)
     np.testing.assert_array_equal(now[known > 0], known[known > 0])
     assert np.all((now[pairs[:, 0], pairs[:, 1]] > 0) == (pairs[:, 0] != pairs[:, 1]))

@@ -15,6 +15,7 @@ from dolfinx import la
 
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.points import InteractionPoints
+from xper_fx.parallel.ownership import Meetings
 from xper_fx.support.compat import index_map
 from xper_fx.support.ranks import Ranks
 
@@ -111,7 +112,7 @@ class Halo:
     Args:
         inverse: blocks of w on this rank's slots.
         given: own slots that other ranks want as ghosts, by rank.
-        meetings: shape (num_ranks, num_ranks), the phase in which two ranks meet, 0 if never.
+        meetings: in which phases ranks meet.
         numbers: shape (num_points,), numbers of this rank's points in the whole scene.
         phase: shape (num_points,), phase of each point, 0 where both bodies are here or, vertex by
             vertex, where there are no phases.
@@ -134,7 +135,7 @@ class Halo:
         ranks: Ranks,
         inverse: BodyInverse,
         given: Mapping[int, np.ndarray],
-        meetings: np.ndarray,
+        meetings: Meetings,
         numbers: np.ndarray,
         phase: np.ndarray,
         at_points: tuple[Mapping[int, np.ndarray], Mapping[int, np.ndarray]] | None = None,
@@ -172,9 +173,8 @@ class Halo:
         if at_points is not None:
             self.corners = self._exchange_at_points(self.wanted)
         self.phases = []
-        phase_of_rank = meetings[ranks.rank]
-        for phase in range(1, int(meetings.max(initial=0)) + 1):
-            met = [r for r in range(ranks.size) if phase_of_rank[r] == phase]
+        for phase in range(1, meetings.num_phases + 1):
+            met = meetings.partner(ranks.rank, phase)
             self.phases.append(
                 Exchange(
                     ranks,
@@ -189,7 +189,7 @@ class Halo:
             self._rank_of_slot[slots] = rank
 
     def extended(
-        self, inverse: BodyInverse, more: Mapping[int, np.ndarray], meetings: np.ndarray
+        self, inverse: BodyInverse, more: Mapping[int, np.ndarray], meetings: Meetings
     ) -> Halo:
         """A halo with more ghosts than this one, which has none but its points'; all ranks make it.
 
@@ -223,7 +223,7 @@ class Halo:
     def phase_of(self, points: InteractionPoints) -> np.ndarray:
         """Phase of points on these slots, 0 where all bodies are this rank's, (num_points,)."""
         other = self._rank_of_slot[points.nodes[:, :, 0]]
-        return self.meetings[self.ranks.rank][other].max(axis=1, initial=0)
+        return self.meetings.of(np.full_like(other, self.ranks.rank), other).max(axis=1, initial=0)
 
     @property
     def num_slots(self) -> int:

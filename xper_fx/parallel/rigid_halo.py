@@ -25,7 +25,7 @@ import numpy as np
 
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.parallel.halo import Exchange
-from xper_fx.parallel.ownership import owners_of_pairs, phases
+from xper_fx.parallel.ownership import Meetings, owners_of_pairs
 from xper_fx.parallel.rows_of_all import RowsOfAll
 from xper_fx.support.ranks import Ranks
 
@@ -72,13 +72,13 @@ class RigidHalo:
         self.copies = ranks.size if len(self._shared) else 1
         pairs = pairs[moves[pairs].all(axis=1)]
         sides = rank_of_body[pairs]
-        self._phase_of = phases(sides, ranks.size)
+        self._meetings = Meetings(ranks.size).with_pairs(sides)
         owner, me = owners_of_pairs(sides), ranks.rank
         self.phases = []
         cut = [self._shared // dofs]
-        for phase in range(1, int(self._phase_of.max(initial=0)) + 1):
+        for phase in range(1, self._meetings.num_phases + 1):
             given, ghosts = {}, {}
-            for other in np.flatnonzero(self._phase_of[me] == phase).tolist():
+            for other in self._meetings.partner(me, phase):
                 both = np.all(np.sort(sides, axis=1) == sorted((me, other)), axis=1)
                 met = pairs[both]
                 ours = owner[both][0] == me
@@ -92,7 +92,7 @@ class RigidHalo:
         """Phase of contacts, 0 where all that they move is here."""
         bodies = points.nodes[:, :, 0] // 2
         a, b = self._rank_of_body[bodies].T
-        return np.where(self._moves[bodies].all(axis=1), self._phase_of[a, b], 0)
+        return np.where(self._moves[bodies].all(axis=1), self._meetings.of(a, b), 0)
 
     def clear(self, values: np.ndarray) -> None:
         """Set bodies of other ranks to zero in a flat array over all slots."""

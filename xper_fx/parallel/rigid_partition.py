@@ -10,7 +10,7 @@ Bodies are partitioned as a graph whose edges are the pairs of the list. A pair 
 search costs, and `_CONTACT` more for each contact found last; a body weighs what its pairs do. The
 partition is looked at anew whenever the list has been made anew. With work_r what rank r does on
 its own, cut_ab what it shares with others, of which two are swept at a time if they are of one
-phase (`ownership.phases`), and the mean of all work over the ranks, a sweep takes
+phase (`ownership.Meetings`), and the mean of all work over the ranks, a sweep takes
 
     cost = (max_r work_r + sum over phases of max cut_ab) / mean
 
@@ -31,7 +31,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from xper_fx.parallel.division import partition_bodies
-from xper_fx.parallel.ownership import owners_of_pairs, phases
+from xper_fx.parallel.ownership import Meetings, owners_of_pairs
 from xper_fx.parallel.rigid_halo import RigidHalo
 from xper_fx.support.ranks import Ranks
 
@@ -172,10 +172,10 @@ class RigidDivision:
         sides = self._sides(rank_of_body, pairs)
         alone = sides[:, 0] == sides[:, 1]
         work = np.bincount(sides[alone, 0], weights[alone], size).max()
-        low, high = sides.min(axis=1), sides.max(axis=1)
-        cut = np.bincount(low * size + high, weights, size * size).reshape(size, size)
-        phase = phases(sides, size)
-        work += sum(cut[phase == p].max() for p in range(1, int(phase.max()) + 1))
+        met, pair = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
+        cut, meetings = np.bincount(pair.ravel(), weights), Meetings(size).with_pairs(met)
+        phase = meetings.of(*met.T)
+        work += sum(cut[phase == p].max() for p in range(1, meetings.num_phases + 1))
         return size * work / weights.sum()
 
     def _partition(self, pairs, weights, cost: float) -> None:

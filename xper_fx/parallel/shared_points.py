@@ -17,7 +17,7 @@ from xper_fx.bodies.meshes import reference_cell
 from xper_fx.nscd.facets import facet_points, facet_shapes, with_lips
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.parallel.local_bodies import LocalBodies, nodes_on_sides
-from xper_fx.parallel.ownership import owners_by_facet, owners_by_vertex, phases
+from xper_fx.parallel.ownership import Meetings, owners_by_facet, owners_by_vertex
 from xper_fx.support.compat import geometry_dofmap
 from xper_fx.support.ranks import Ranks
 
@@ -33,7 +33,7 @@ class SharedPoints(NamedTuple):
     facet_numbers: np.ndarray
     num_points_of_all: int  #: points on all ranks
     phase: np.ndarray  #: shape (num_points,), as `Halo.phase`
-    meetings: np.ndarray  #: shape (num_ranks, num_ranks), as of `Halo`
+    meetings: Meetings  #: as of `Halo`
     asked: dict[int, np.ndarray]  #: by rank, nodes of this rank that are ghosts there
     ghosts: dict[int, np.ndarray]  #: by rank, nodes of it that are ghosts here, ascending
     points_a_facet: int  #: points on each facet
@@ -141,11 +141,11 @@ def shared_points(
         at_asked, at_wanted = ({r: at for r, (_, at) in of.items()} for of in (asked, wanted))
         at_points = at_asked, at_wanted
     phase = np.zeros(len(points), np.int64)
-    table = np.zeros((ranks.size, ranks.size), np.int64)
+    meetings = Meetings(ranks.size)
     if not by_vertex:
         met = np.unique(sides, axis=0)
-        table = phases(np.concatenate(ranks.comm.allgather(met)), ranks.size)
-        phase = np.repeat(table[sides[mine, 0], sides[mine, 1]], a_facet)[own]
+        meetings = meetings.with_pairs(np.concatenate(ranks.comm.allgather(met)))
+        phase = np.repeat(meetings.of(*sides[mine].T), a_facet)[own]
     return SharedPoints(
         points,
         np.repeat(law_of_facet[mine], a_facet)[own],
@@ -153,7 +153,7 @@ def shared_points(
         facet_numbers,
         int(ranks.sum(len(points))),
         phase,
-        table,
+        meetings,
         {rank: own_nodes for rank, (own_nodes, _) in asked.items()},
         {rank: its_nodes for rank, (its_nodes, _) in wanted.items()},
         a_facet,

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.nscd.mortar import TiedPoints
-from xper_fx.parallel.ownership import owners_of_pairs, phases
+from xper_fx.parallel.ownership import owners_of_pairs
 from xper_fx.parallel.shared_points import SharedPoints
 from xper_fx.support.ranks import Ranks
 
@@ -35,7 +35,7 @@ def share_ties(
     """
     me, nothing = ranks.rank, np.zeros(0, np.int64)
     sides = [tie.rank[tie.points.nodes[:, :, 0]] for tie in ties]
-    table = phases(np.concatenate(sides), ranks.size, shared.meetings)
+    meetings = shared.meetings.with_pairs(np.concatenate(sides))
     mine = [np.flatnonzero(owners_of_pairs(pairs) == me) for pairs in sides]
     met = np.concatenate([pairs[which] for pairs, which in zip(sides, mine, strict=True)])
     own = [tie.take(which) for tie, which in zip(ties, mine, strict=True)]
@@ -58,7 +58,7 @@ def share_ties(
         shared._replace(
             points=shared.points.on(moved),
             num_points_of_all=int(first[-1]),
-            meetings=table,
+            meetings=meetings,
             asked={r: given for r, given in enumerate(told) if given is not None},
             ghosts=wanted,
         ),
@@ -67,5 +67,5 @@ def share_ties(
             for tie, key in zip(own, keys, strict=True)
         ],
         [start + which for start, which in zip(first, mine, strict=False)],
-        table[met[:, 0], met[:, 1]],
+        meetings.of(*met.T),
     )

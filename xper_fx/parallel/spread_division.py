@@ -17,7 +17,7 @@ from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.search.contact_pairs import Contacts
 from xper_fx.parallel.halo import Halo
 from xper_fx.parallel.known_surface import MOST
-from xper_fx.parallel.ownership import owners_of_pairs, phases
+from xper_fx.parallel.ownership import owners_of_pairs
 from xper_fx.parallel.rigid_share import RigidShare
 from xper_fx.parallel.spread_search import KnownBodies
 from xper_fx.parallel.surface_division import FoundOwners, hand_over, with_ghosts_of_pairs
@@ -118,7 +118,7 @@ class SpreadDivision:
         ranks, me = self._ranks, self._ranks.rank
         bodies, sides = self._pairs[:, :2], self._pairs[:, 2:]
         met = np.concatenate(ranks.comm.allgather(np.unique(sides, axis=0)))
-        self._meetings = phases(met, ranks.size, self._meetings)
+        self._meetings = self._meetings.with_pairs(met)
         owner = owners_of_pairs(sides)
         own_slots, names = self._slots(known), self._names(known)
         given, ghosts = {}, {}
@@ -146,12 +146,11 @@ class SpreadDivision:
 
     def saved(self) -> dict:
         """In which phase ranks meet, which hangs on all that was near before."""
-        return {"meetings": self._meetings}
+        return self._meetings.saved()
 
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave, of as many ranks; another number of ranks meets anew."""
-        if saved["meetings"].shape == self._meetings.shape:
-            self._meetings = saved["meetings"]
+        self._meetings = self._meetings.restored(saved)
 
 
 def _on(contacts: Contacts, numbers: Callable[[np.ndarray], np.ndarray]) -> Contacts:

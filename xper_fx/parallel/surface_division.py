@@ -8,7 +8,7 @@ its velocities, and its block of w. When lists change, all ranks tell each other
 ranks are in their lists; nothing else has to be said about who needs which ghosts. Rigid bodies
 count as bodies of two nodes, numbered after the meshed ones; those that nothing moves are on every
 rank, and their contacts on that of the other body. Which pairs of
-ranks meet in which phase (`ownership.phases`) only grows, so that points that last stay in their
+ranks meet in which phase (`ownership.Meetings`) only grows, so that points that last stay in their
 phase.
 """
 
@@ -21,7 +21,7 @@ import numpy as np
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.search.contact_pairs import Contacts, join
 from xper_fx.parallel.halo import Halo
-from xper_fx.parallel.ownership import owners_of_pairs, phases
+from xper_fx.parallel.ownership import Meetings, owners_of_pairs
 from xper_fx.parallel.rigid_share import RigidShare
 from xper_fx.parallel.rows_of_all import RowsOfAll
 from xper_fx.parallel.search_division import SearchDivision
@@ -79,7 +79,7 @@ def hand_over(
 
 
 def with_ghosts_of_pairs(
-    interactions: Interactions, first: Halo, given: Mapping[int, np.ndarray], meetings: np.ndarray
+    interactions: Interactions, first: Halo, given: Mapping[int, np.ndarray], meetings: Meetings
 ) -> Halo:
     """Let a layer take a halo with the ghosts that contacts need; all ranks call it together.
 
@@ -203,7 +203,7 @@ class SurfaceDivision:
             return
         self._pairs = pairs
         me, owner = self.ranks.rank, owners_of_pairs(sides)
-        self._meetings = phases(sides, self.ranks.size, self._meetings)
+        self._meetings = self._meetings.with_pairs(sides)
         given, ghosts = {}, {}
         for other in np.setdiff1d(sides[(sides == me).any(axis=1)], [me]).tolist():
             met = (np.sort(sides, axis=1) == sorted((me, other))).all(axis=1)
@@ -222,9 +222,8 @@ class SurfaceDivision:
 
     def saved(self) -> dict:
         """In which phase ranks meet, which hangs on all that was near before."""
-        return {"meetings": self._meetings}
+        return self._meetings.saved()
 
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave, of as many ranks; another number of ranks meets anew."""
-        if saved["meetings"].shape == self._meetings.shape:
-            self._meetings = saved["meetings"]
+        self._meetings = self._meetings.restored(saved)
