@@ -188,13 +188,17 @@ class Kinks:
         return time + load, velocity, self._impulses(changes(velocity, load * driven), g[own])
 
     def _impulses(self, moved: list[np.ndarray], g: np.ndarray) -> list[np.ndarray]:
-        """Impulses of each group, where lips rub after they have moved with the rates of kinks."""
+        """Impulses of each group after its lips have moved with the rates of kinks, if any rubs.
+
+        Else the laws answer to the present ones: where nothing rubs, those foretold mislead.
+        """
         impulses = [group.impulse.copy() for group in self._groups]
+        if not self._ranks.max(float(any(kinks.rubs[j] for kinks, j in self._places))):
+            return impulses
+        for r, k, du in zip(impulses, self._stiffness, moved, strict=True):
+            r -= np.einsum("pij,pj->pi", k, du)
         for (kinks, j), rate in zip(self._places, g, strict=True):
-            if kinks.rubs[j]:
-                i = kinks.which[j]
-                pulled = self._stiffness[kinks.group][i] @ moved[kinks.group][i]
-                impulses[kinks.group][i] += rate * kinks.falls[j] - pulled
+            impulses[kinks.group][kinks.which[j]] += rate * kinks.falls[j]
         return impulses
 
     def _openings(self, moved: list[np.ndarray]) -> np.ndarray:
