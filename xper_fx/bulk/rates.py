@@ -130,14 +130,16 @@ class Kinks:
         self._groups, self._growth, self._scaled, self._ranks = groups, growth, scaled, ranks
         self._stiffness = stiffness
         bonds = growth.at_limit()
-        self._places = []
+        self._kinks = []
         for limit in growth.of_groups():
             own = bonds - limit.first
             own = own[(own >= 0) & (own < len(limit.reached))]
-            found = _kinks_of(groups[limit.group], stiffness[limit.group], own, limit, scaled)
-            self._places += [(found, j) for j in range(len(found.which))]
-        self._first = ranks.before(len(self._places))
-        self._count = int(ranks.sum(len(self._places)))
+            group, springs = groups[limit.group], stiffness[limit.group]
+            self._kinks.append(_kinks_of(group, springs, own, limit, scaled))
+        own_count = sum(len(k.which) for k in self._kinks)
+        self._first = ranks.before(own_count)
+        self._own = slice(self._first, self._first + own_count)
+        self._count = int(ranks.sum(own_count))
 
     @property
     def tell(self) -> bool:
@@ -147,10 +149,12 @@ class Kinks:
     def pushes(self) -> Iterator[list[np.ndarray]]:
         """For each kink of all ranks a_c, as impulses of each group, N s per m/s."""
         for number in range(self._count):
-            pushed = [np.zeros_like(g.impulse) for g in self._groups]
-            if 0 <= number - self._first < len(self._places):
-                kinks, j = self._places[number - self._first]
-                pushed[kinks.group][kinks.which[j]] = kinks.falls[j]
+            pushed, first = [np.zeros_like(g.impulse) for g in self._groups], self._first
+            for kinks in self._kinks:
+                if 0 <= number - first < len(kinks.which):
+                    i = kinks.which[number - first]
+                    pushed[kinks.group][i] = kinks.falls[number - first]
+                first += len(kinks.which)
             yield pushed
 
     def onwards(
@@ -176,13 +180,13 @@ class Kinks:
         """
         x0 = self._openings(changes(along, driven))
         m = np.stack([self._openings(changes(way, 0.0 * driven)) for way in ways], axis=1)
-        lengths = self._everywhere([k.length[j] / self._scaled for k, j in self._places])
+        lengths = self._everywhere([k.length / self._scaled for k in self._kinks])
         found = rates_of_bonds(x0, m, lengths)
         if found is None:
             return None
         load, g = found
-        own = slice(self._first, self._first + len(self._places))
-        numbers = np.array([k.first + k.which[j] for k, j in self._places], int)
+        own = self._own
+        numbers = np.concatenate([np.zeros(0, int), *(k.first + k.which for k in self._kinks)])
         self._growth.follow(numbers[(g[own] > 0.0) & np.isfinite(lengths[own])])
         velocity = load * along + np.tensordot(g, np.stack(ways), axes=1)
         return time + load, velocity, self._impulses(changes(velocity, load * driven), g[own])
@@ -193,22 +197,23 @@ class Kinks:
         Else the laws answer to the present ones: where nothing rubs, those foretold mislead.
         """
         impulses = [group.impulse.copy() for group in self._groups]
-        if not self._ranks.max(float(any(kinks.rubs[j] for kinks, j in self._places))):
+        if not self._ranks.max(float(any(kinks.rubs.any() for kinks in self._kinks))):
             return impulses
         for r, k, du in zip(impulses, self._stiffness, moved, strict=True):
             r -= np.einsum("pij,pj->pi", k, du)
-        for (kinks, j), rate in zip(self._places, g, strict=True):
-            impulses[kinks.group][kinks.which[j]] += rate * kinks.falls[j]
+        for kinks in self._kinks:
+            rates, g = np.split(g, [len(kinks.which)])
+            np.add.at(impulses[kinks.group], kinks.which, rates[:, None] * kinks.falls)
         return impulses
 
     def _openings(self, moved: list[np.ndarray]) -> np.ndarray:
-        own = [k.direction[j] @ moved[k.group][k.which[j]] for k, j in self._places]
+        own = [np.einsum("pi,pi->p", k.direction, moved[k.group][k.which]) for k in self._kinks]
         return self._everywhere(own)
 
-    def _everywhere(self, values: list[float]) -> np.ndarray:
-        """Values of this rank's kinks among those of all."""
+    def _everywhere(self, values: list[np.ndarray]) -> np.ndarray:
+        """Values of this rank's kinks, group by group, among those of all."""
         out = np.zeros(self._count)
-        out[self._first : self._first + len(values)] = values
+        out[self._own] = np.concatenate([np.zeros(0), *values])
         return self._ranks.sum(out)
 
 
