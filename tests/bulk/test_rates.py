@@ -113,9 +113,10 @@ def test_bonds_that_rub_slide_on_or_stick(monkeypatch):
     simulation = xf.Simulation(scene, 1.0, inertia=False, path=xf.GrowthControl(growth=0.02))
     told, onwards, errors = [], CoupledStep.onwards, []
 
-    def asked(step):
-        told.append(onwards(step))
-        return told[-1]
+    def asked(step, friction):
+        guess, rub = onwards(step, friction)
+        told.append(guess)
+        return guess, rub
 
     monkeypatch.setattr(CoupledStep, "onwards", asked)
     for _ in simulation.steps(4.0):
@@ -125,7 +126,7 @@ def test_bonds_that_rub_slide_on_or_stick(monkeypatch):
             if len(errors) == 25:
                 break
         told.clear()
-        simulation.path.onwards = True
+        simulation.path.onwards = "friction"
     # other facets begin to slide within a few of the steps
     assert len(errors) == 25 and max(errors) < 0.5
     assert np.quantile(errors, 0.8) < 0.03

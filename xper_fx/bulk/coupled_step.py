@@ -316,18 +316,22 @@ class CoupledStep:
         right = np.broadcast_to(force, self.velocity.shape) + self._pushed_by(driven)
         return self._matrices.solve(right, motion), driven
 
-    def onwards(self) -> tuple[float, np.ndarray, list[np.ndarray]] | None:
-        """With what the start of the step goes on; see `Kinks.onwards`."""
+    def onwards(
+        self, friction: bool
+    ) -> tuple[tuple[float, np.ndarray, list[np.ndarray] | None] | None, bool]:
+        """With what the start of the step goes on, see `Kinks.onwards`, and whether lips rub."""
         from xper_fx.bulk.rates import MULTIPLIERS, Kinks
 
         matrices, points, h = self._matrices, self.tangents, self.step * self._matrices.theta
         self.linearise(MULTIPLIERS)
-        if not (kinks := Kinks(self._groups, points.stiffness, self.growth, h, self.ranks)).tell:
-            return None
+        kinks = Kinks(self._groups, points.stiffness, self.growth, h, self.ranks, friction)
+        rub = kinks.rub
+        if not kinks.tell:
+            return None, rub
         self.take_springs()
         along, driven = self._along()
         ways = [matrices.solve(self.on_unknowns(r), 0.0 * along) for r in kinks.pushes()]
-        return kinks.onwards(self.loading.time, along, driven, ways, self.motions.changes)
+        return kinks.onwards(self.loading.time, along, driven, ways, self.motions.changes), rub
 
     def _pushed_by(self, driven: np.ndarray) -> np.ndarray | float:
         """What springs do to the unknowns where rigid bodies are driven at velocities (N s)."""

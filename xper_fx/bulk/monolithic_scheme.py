@@ -8,7 +8,7 @@ from the contacts that `augmented_lagrangian.py` finds.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -46,7 +46,10 @@ _GOES_BACK = "the state that was found leads back along the path"
 
 
 # Time (s) and velocities to start from, shape (num_dofs,), and impulses of each group if known.
-Guess = tuple[float, np.ndarray] | tuple[float, np.ndarray, Sequence[np.ndarray]]
+Guess = tuple[float, np.ndarray] | tuple[float, np.ndarray, Sequence[np.ndarray] | None]
+# From which rates of bonds a step begins (`rates.py`): none, those where lips slide on that have
+# slid, or those where these may stick.
+Rates = Literal["", "sliding", "friction"]
 
 
 class PointsOfNodes(NamedTuple):
@@ -72,6 +75,7 @@ class MonolithicScheme:
     Attributes:
         loading: of the last attempt.
         told: whether the last attempt that asked for rates of bonds began from them.
+        rub: whether lips had slid under pressure there.
     """
 
     def __init__(
@@ -89,7 +93,7 @@ class MonolithicScheme:
         self._matrices = CoupledMatrices(bulk, interacting, theta)
         self._tolerance, self._max_newton = newton_tolerance, max_newton
         self._stopwatch, self._gives_up, self._jumps = stopwatch, gives_up, jumps
-        self.told = False
+        self.told = self.rub = False
         self._compliance: tuple[float, np.ndarray, PointsOfNodes] | None = None
         self._vain: tuple[State | None, int] = (None, 0)
         self.loading: Loading
@@ -122,7 +126,7 @@ class MonolithicScheme:
         options: SolveOptions,
         growth: GrowthLimit | None = None,
         guess: Guess | None = None,
-        onwards: bool = False,
+        onwards: Rates = "",
     ) -> StepOutcome:
         """One step from `state`, which is not changed; see `ImplicitScheme.attempt`.
 
@@ -133,7 +137,7 @@ class MonolithicScheme:
             state, step, interactions, solver, options: as of `ImplicitScheme.attempt`.
             growth: what the step may open, None where its end is given.
             guess: time (s) and velocities to start from, shape (num_dofs,).
-            onwards: whether to start from the rates of the bonds (`rates.py`), with a `growth`.
+            onwards: the rates to start from, with a `growth`.
         """
         if interactions is not None and interactions.fused is not None:
             return self._while_vertices_split(state, step, interactions, options.last_try)
@@ -169,7 +173,7 @@ class MonolithicScheme:
         growth: GrowthLimit | None,
         guess: Guess | None,
         last_try: bool,
-        onwards: bool = False,
+        onwards: Rates = "",
     ) -> tuple[StepOutcome, CoupledStep]:
         """As `attempt`, with the points there are; with the state of the step's unknowns."""
         bulk, watch, weight = self.bulk, self._stopwatch, self._matrices.weight
@@ -205,9 +209,9 @@ class MonolithicScheme:
         if onwards:
             begin(None)
             try:
-                guess = coupled.onwards()
+                guess, self.rub = coupled.onwards(onwards == "friction")
             except SingularMatrixError:
-                guess = None
+                guess, self.rub = None, False
             self.told = guess is not None
         converged = False
         for start in _starts(coupled, guess):

@@ -105,7 +105,7 @@ class _KinksOfGroup(NamedTuple):
     falls: np.ndarray  #: a, shape (m, components), N s per m/s
     #: by how much the lips may open in the step, shape (m,), m; infinite of closed ones
     length: np.ndarray
-    rubs: np.ndarray  #: whether the lips have slid under pressure, shape (m,)
+    rubs: bool  #: whether any lips have slid under pressure
 
 
 class Kinks:
@@ -117,6 +117,7 @@ class Kinks:
         growth: what the step may open; it follows the bonds that `onwards` finds to open.
         scaled: h theta (s).
         ranks: that divide the bodies; each has the kinks of its points.
+        friction: whether lips that have slid are kinks; else they do as the iterations have it.
     """
 
     def __init__(
@@ -126,16 +127,17 @@ class Kinks:
         growth: GrowthLimit,
         scaled: float,
         ranks: Ranks,
+        friction: bool,
     ):
         self._groups, self._growth, self._scaled, self._ranks = groups, growth, scaled, ranks
-        self._stiffness = stiffness
+        self._stiffness, self._friction = stiffness, friction
         bonds = growth.at_limit()
         self._kinks = []
         for limit in growth.of_groups():
             own = bonds - limit.first
             own = own[(own >= 0) & (own < len(limit.reached))]
             group, springs = groups[limit.group], stiffness[limit.group]
-            self._kinks.append(_kinks_of(group, springs, own, limit, scaled))
+            self._kinks.append(_kinks_of(group, springs, own, limit, scaled, friction))
         own_count = sum(len(k.which) for k in self._kinks)
         self._first = ranks.before(own_count)
         self._own = slice(self._first, self._first + own_count)
@@ -145,6 +147,11 @@ class Kinks:
     def tell(self) -> bool:
         """Whether there are any, and not too many."""
         return 0 < self._count <= _MOST
+
+    @property
+    def rub(self) -> bool:
+        """Whether lips anywhere have slid under pressure."""
+        return bool(self._ranks.max(float(any(kinks.rubs for kinks in self._kinks))))
 
     def pushes(self) -> Iterator[list[np.ndarray]]:
         """For each kink of all ranks a_c, as impulses of each group, N s per m/s."""
@@ -164,11 +171,11 @@ class Kinks:
         driven: np.ndarray,
         ways: list[np.ndarray],
         changes: Callable[[np.ndarray, np.ndarray], list[np.ndarray]],
-    ) -> tuple[float, np.ndarray, list[np.ndarray]] | None:
+    ) -> tuple[float, np.ndarray, list[np.ndarray] | None] | None:
         """Time, velocities and impulses by which a step has what it may open.
 
-        None where nothing tells. Without the impulses lips that are to stick, just within what
-        friction bears, would begin as ones that slide.
+        None where nothing tells. Impulses are told with friction: without them lips that are to
+        stick, just within what it bears, would begin as ones that slide; else they mislead.
 
         The growth follows the bonds that open.
 
@@ -189,18 +196,16 @@ class Kinks:
         numbers = np.concatenate([np.zeros(0, int), *(k.first + k.which for k in self._kinks)])
         self._growth.follow(numbers[(g[own] > 0.0) & np.isfinite(lengths[own])])
         velocity = load * along + np.tensordot(g, np.stack(ways), axes=1)
+        if not self._friction:
+            return time + load, velocity, None
         return time + load, velocity, self._impulses(changes(velocity, load * driven), g[own])
 
     def _impulses(self, moved: list[np.ndarray], g: np.ndarray) -> list[np.ndarray]:
-        """Impulses of each group after its lips have moved with the rates of kinks, if any rubs.
-
-        Else the laws answer to the present ones: where nothing rubs, those foretold mislead.
-        """
-        impulses = [group.impulse.copy() for group in self._groups]
-        if not self._ranks.max(float(any(kinks.rubs.any() for kinks in self._kinks))):
-            return impulses
-        for r, k, du in zip(impulses, self._stiffness, moved, strict=True):
-            r -= np.einsum("pij,pj->pi", k, du)
+        """Impulses of each group after its lips have moved with the rates of kinks."""
+        impulses = [
+            group.impulse - np.einsum("pij,pj->pi", k, du)
+            for group, k, du in zip(self._groups, self._stiffness, moved, strict=True)
+        ]
         for kinks in self._kinks:
             rates, g = np.split(g, [len(kinks.which)])
             np.add.at(impulses[kinks.group], kinks.which, rates[:, None] * kinks.falls)
@@ -218,7 +223,12 @@ class Kinks:
 
 
 def _kinks_of(
-    group: PointGroup, stiffness: np.ndarray, bonds: np.ndarray, limit: GroupLimits, scaled: float
+    group: PointGroup,
+    stiffness: np.ndarray,
+    bonds: np.ndarray,
+    limit: GroupLimits,
+    scaled: float,
+    friction: bool,
 ) -> _KinksOfGroup:
     """Kinks of a group, whose springs become those of secants and of closed lips.
 
@@ -228,6 +238,7 @@ def _kinks_of(
         bonds: those at their largest openings, shape (m,).
         limit: of all its points.
         scaled: h theta (s).
+        friction: as of `Kinks`.
     """
     jump = group.jump.copy()
     jump[:, 0] = np.maximum(jump[:, 0], 0.0)
@@ -254,7 +265,13 @@ def _kinks_of(
     shut, parts, free, firm = shut[weak], parts[weak], -opened[weak], closed[weak] / MULTIPLIERS
     stiffness[shut, 0, 0] = firm
     parting = (firm - free)[:, None] * parts
-    rubs, slides, bears = _rubbing(group, stiffness, pressed, near / scaled)
+    slid = pressed[group.status[pressed] == _SLIDES]
+    rubs, slides, bears, sticking = _rubbing(group, slid, near / scaled)
+    rub = len(rubs) > 0
+    if friction:
+        stiffness[rubs] = sticking
+    else:
+        rubs, slides, bears = rubs[:0], slides[:0], bears[:0]
     of_bonds = np.isin(rubs, bonds)
     # friction holds a bond that sticks whichever way it goes
     goes = np.linalg.norm(falls, axis=1) > _HELD * firmest
@@ -265,27 +282,21 @@ def _kinks_of(
     length = np.where(on, limit.length[which], np.inf)
     directions = np.concatenate([opens, parts, slides])
     falls = np.concatenate([falls, parting, bears])
-    rubbing = np.arange(len(which)) >= len(which) - len(rubs)
-    return _KinksOfGroup(limit.group, limit.first, which, directions, falls, length, rubbing)
+    return _KinksOfGroup(limit.group, limit.first, which, directions, falls, length, rub)
 
 
-def _rubbing(
-    group: PointGroup, stiffness: np.ndarray, pressed: np.ndarray, speed: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Closed lips that have slid in the last step: their numbers, n and a.
-
-    Their springs become those of stick.
+def _rubbing(group: PointGroup, pressed: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Closed lips that slid in the last step and rub: their numbers, n, a and springs of stick.
 
     Args:
         group: after `begin_step`.
-        stiffness: of all its points, on either branch; changed.
-        pressed: points that may be, shape (m,).
+        pressed: points that have slid, shape (m,).
         speed: of all points (m/s), over which bonds are asked.
     """
     slip = group.velocity[pressed].copy()
     slip[:, 0] = 0.0
     size = np.linalg.norm(slip, axis=1)
-    slides = (group.status[pressed] == _SLIDES) & (size > 0.0)
+    slides = size > 0.0
     which, slip = pressed[slides], slip[slides] / size[slides, None]
     normal = np.zeros_like(slip)
     normal[:, 0] = 1.0
@@ -299,9 +310,9 @@ def _rubbing(
     rubs = friction > _FRICTION
     which, slip, normal = which[rubs], slip[rubs], normal[rubs]
     firm = firm[rubs, None] / MULTIPLIERS
-    stiffness[which] = firm[:, :, None] * np.eye(slip.shape[1])
     falls = firm * slip + along[rubs] / speed[which, None]
-    return which, slip + friction[rubs, None] * normal, falls
+    sticking = firm[:, :, None] * np.eye(slip.shape[1])
+    return which, slip + friction[rubs, None] * normal, falls, sticking
 
 
 def _moved(group: PointGroup, which: np.ndarray, by: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from xper_fx.bulk.monolithic_scheme import Rates
 from xper_fx.bulk.state import State
 from xper_fx.nscd.growth import GrowthLimit
 from xper_fx.nscd.interactions import Interactions
@@ -157,8 +158,9 @@ class PathFollower:
             none: iterations are then those of contacts, and short steps do not have fewer.
         coasts: whether it did so as nothing else was left, or as the step before did: the path goes
             on by given loads until bonds ask for one.
-        onwards: whether the next attempt begins from the rates of the bonds; of the last one,
-            whether it did: where they told nothing it began from rest, and is not made again.
+        onwards: from which rates of the bonds the next attempt begins; of the last one, from which
+            it did: where they told nothing it began from rest, and is not made again.
+        rubs: whether lips had slid where the last attempt asked for rates by which they slide on.
         loads_turn: whether loads turn or stand still from the last step to where this one may go.
     """
 
@@ -169,7 +171,8 @@ class PathFollower:
         self._leading: np.ndarray | None = None
         self._limit: GrowthLimit
         self.contested: int | None = None
-        self.loads_turn = self.idles = self.coasts = self.onwards = False
+        self.loads_turn = self.idles = self.coasts = self.rubs = False
+        self.onwards: Rates = ""
         self.share = 1.0
         self.refused: set[tuple[float, bool]] = set()
         self.limit_points: list[float] = []
@@ -241,7 +244,7 @@ class PathFollower:
                 logger.warning(_BRANCHES, start + change, ways)
             self.branches.append(start + change)
         self._leading = self.contested = None
-        self.loads_turn = self.onwards = False
+        self.loads_turn, self.onwards = False, ""
         self.refused.clear()
         self._last_share, self._last_change, self._guesses = self.share, change, True
         self.coasts = self.idles and (self.coasts or self.share <= AT_LAST)
@@ -255,10 +258,14 @@ class PathFollower:
         bond = self._limit.contested
         self.contested = self.contested if bond is None else bond
         if self._guesses and self._last_share > 0.0:
-            self._guesses, self.onwards = False, True
+            self._guesses, self.onwards = False, "sliding"
             return True
         self._guesses = False
-        self.onwards = not self.onwards or self.share > _RATES_ALONE
+        if self.rubs and self.share <= _RATES_ALONE:
+            self.rubs, self.onwards = False, "friction"
+            return True
+        again = not self.onwards or self.share > _RATES_ALONE
+        self.onwards = "sliding" if again else ""
         if not self.onwards:
             return True
         corner = self._leading is None and self.share <= _AT_CORNER

@@ -87,7 +87,8 @@ class PathStep:
         for _ in range(_APPROACHES):
             limit, guess = path.limit(self._points), path.guess(state, self._last_size / size)
             outcome = self._attempt(size, growth=limit, guess=guess, onwards=path.onwards)
-            path.onwards = path.onwards and self._scheme.told
+            path.rubs = path.onwards == "sliding" and self._scheme.rub
+            path.onwards = path.onwards if self._scheme.told else ""
             change = outcome.state.time - state.time - self._scheme.loading.held
             in_reach = -self._longest <= change <= rise
             if not outcome.converged:
