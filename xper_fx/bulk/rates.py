@@ -26,7 +26,8 @@ F d . u would be more than that and what friction bore at the start, that is whe
 up to k / F = p or less, k the tangent of the bond there: of the same kind again, with n_c = d +
 mu n and a_c = (F - k) d. mu is what the law's answer to more pressure tells. Where the bond is at
 its largest opening its slip is what opens it, and where such lips stick it opens no further,
-whichever way the load goes.
+whichever way the load goes. Such lips are many, and each is one more solution: rates are told first
+for lips that all do as the iterations have it, and with friction for steps that fail from there.
 
 Where Newton's method begins from the last increment or from rest, two bonds may take turns for
 ever. From v it begins with each bond on its branch, and the step takes a few iterations.
