@@ -53,6 +53,7 @@ from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.growth import GroupLimits, GrowthLimit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import LawKernels
+from xper_fx.nscd.laws.signorini import SLIP
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.support.ranks import Ranks
 
@@ -65,9 +66,9 @@ _APART, _PARTED = 1e-4, 1e-6
 _ZERO, _PIVOTS = 1e-12, 20
 # Bonds whose rate is given in turn, and changes of the bonds that open.
 _TRIED, _CHANGES = 40, 20
-# Status of lips that slide; part of their pressure by which it is changed to find their friction,
-# how far beside that they slide on, and friction above which there is some.
-_SLIDES, _SHARE, _BEYOND, _FRICTION = 2, 1e-6, 10.0, 1e-6
+# Part of the pressure of lips that slide by which it is changed to find their friction, how far
+# beside that they slide on, and friction above which there is some.
+_SHARE, _BEYOND, _FRICTION = 1e-6, 10.0, 1e-6
 # Part of its spring that a bond changes by at least where it softens.
 _HELD = 1e-9
 # p of the springs of closed lips (`nscd/point_tangents.py`).
@@ -266,7 +267,7 @@ def _kinks_of(
     shut, parts, free, firm = shut[weak], parts[weak], -opened[weak], closed[weak] / MULTIPLIERS
     stiffness[shut, 0, 0] = firm
     parting = (firm - free)[:, None] * parts
-    slid = pressed[group.status[pressed] == _SLIDES]
+    slid = pressed[group.status[pressed] == SLIP]
     rubs, slides, bears, sticking = _rubbing(group, slid, near / scaled)
     rub = len(rubs) > 0
     if friction:
