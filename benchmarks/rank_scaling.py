@@ -23,9 +23,10 @@ w: least time of a point on one rank; b: imbalance of the partition; x, s: excha
 step; c, d: what they cost in software, measured on two ranks that begin one together, so that
 nobody waits (c of a phase of a sweep: the mean of there and back); k: neighbours of a rank, whose
 messages are counted one after another; v: bytes that a rank sends; l, B: latency and bandwidth
-between ranks (assumed: 2 us and 10 GB/s, an InfiniBand network). b, k, v and the phases of sweeps come from a plate of 10 000 points a rank that is divided
-for P ranks here: nothing of them is extrapolated. Of what ranks wait for each other the model knows
-the imbalance alone: other programs on their cores come on top.
+between ranks (assumed: 2 us and 10 GB/s, an InfiniBand network). b, k, v and the phases of sweeps
+come from a plate of 10 000 points a rank that is divided for P ranks here: nothing of them is
+extrapolated. Of what ranks wait for each other the model knows the imbalance alone: other programs
+on their cores come on top.
 """
 
 from __future__ import annotations
