@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.simulation.simulation import Simulation
+from xper_fx.simulation.slot_bodies import body_of_slot, rigid_here
 from xper_fx.support.checks import require_kind
 
 
@@ -78,43 +79,6 @@ def find_contact_forces(simulation: Simulation) -> ContactForces:
     return ContactForces(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
-def body_of_slot(simulation: Simulation) -> np.ndarray:
-    """Body of each slot, numbered as in `ContactForces.bodies`, shape (num_slots,).
-
-    Where ranks divide meshed bodies, of this rank's slots and of its ghosts; all ranks call it
-    together.
-    """
-    body = np.empty(0, int)
-    if simulation.scene.bodies is not None:
-        body = simulation.bulk.layout.body_of_node()[simulation.model.slot_nodes]
-        if simulation.part is not None:
-            body = simulation.scene.bodies.numbers_on_all(simulation.part.body_numbers[body])
-    if simulation.rigid is not None:
-        numbers = first_rigid(simulation) + np.arange(len(simulation.scene.rigid_bodies))
-        numbers = numbers[_rigid_here(simulation)]
-        body = np.concatenate([body, np.repeat(numbers, 2)])
-    if simulation.part is not None:
-        spread = np.repeat(body[:, None], simulation.bulk.dim, axis=1).astype(float)
-        body = simulation.interactions.halo.with_ghost_values(spread)[:, 0].astype(int)
-    return body
-
-
-def first_rigid(simulation: Simulation) -> int:
-    """Number of the first rigid body in `ContactForces.bodies`; all ranks call it together."""
-    bodies = simulation.scene.bodies
-    if bodies is None:
-        return 0
-    if bodies.spread is None:
-        return bodies.num_bodies
-    return 1 + int(bodies.spread.ranks.max(int(bodies.labels.max(initial=-1))))
-
-
-def _rigid_here(simulation: Simulation) -> slice | np.ndarray:
-    """Which rigid bodies have slots of their own here."""
-    share = simulation.model.rigid_share
-    return slice(None) if share is None else share.here
-
-
 def slot_places(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
     """Body and present place of each slot; a rigid body's centre stands in both of its own.
 
@@ -129,7 +93,7 @@ def slot_places(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
         x = simulation.forms.V.tabulate_dof_coordinates()[:, :dim]
         place = (x + simulation.state.displacement.reshape(-1, dim))[simulation.model.slot_nodes]
     if simulation.rigid is not None:
-        centre = simulation.rigid.displayed.position[_rigid_here(simulation)]
+        centre = simulation.rigid.displayed.position[rigid_here(simulation)]
         place = np.concatenate([place, np.repeat(centre, 2, axis=0)])
     if simulation.part is not None:
         place = simulation.interactions.halo.with_ghost_values(place)

@@ -25,6 +25,7 @@ from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.compat import geometry_dofmap
 
 if TYPE_CHECKING:
+    from xper_fx.forms.dynamics import BulkForms
     from xper_fx.output.filed_rows import FiledRows
 
 # Fields of points, as `Interactions.gather` knows them.
@@ -49,13 +50,13 @@ class FieldSeries:
         self._shares = simulation.scene.bodies.spread is not None
         self._bodies = simulation.bodies if self._shares else simulation.scene.bodies
         self.cells = geometry_dofmap(self._bodies.mesh)
-        self._vertices = VertexValues(simulation)
         points = simulation.model.points
         self._num_points = len(points.facets_with_law) * points.points_a_facet
         if self._shares:
             self._num_points = len(points.on_facets()[0])
         self._has_points = not simulation.team.all(len(points.facets_with_law) == 0)
-        self._stress: Callable[[], np.ndarray] | None = None
+        self._forms: BulkForms | None = None  # of which the stress is told
+        self._stress: Callable[[], np.ndarray] = lambda: np.zeros(0)
         # by the name of the series: the files of this rank, and who has their rows
         self._files: dict[str, list[TimeSeries]] = {"bulk": [], "interfaces": []}
         self._filed: dict[str, list[FiledRows]] = {}
@@ -87,10 +88,8 @@ class FieldSeries:
             fragment: of each body, None without.
         """
         simulation, bodies = self._simulation, self._bodies
-        nodal = {
-            "displacement": self._vertices.displacement(),
-            "velocity": self._vertices.velocity(),
-        }
+        vertices = VertexValues(simulation)
+        nodal = {"displacement": vertices.displacement(), "velocity": vertices.velocity()}
         body = bodies.labels[bodies.body_of_cell] if self._shares else bodies.body_of_cell
         cellwise = {"stress": self.stress(), "body": body, "material": bodies.material_of_cell}
         if fragment is not None:
@@ -111,8 +110,9 @@ class FieldSeries:
 
     def stress(self) -> np.ndarray:
         """Cauchy stress of each cell, as `BulkForms.stress_evaluator` gives it (Pa)."""
-        if self._stress is None:
-            self._stress = self._simulation.forms.stress_evaluator()
+        if self._forms is not self._simulation.forms:  # others where bodies were divided anew
+            self._forms = self._simulation.forms
+            self._stress = self._forms.stress_evaluator()
         self._simulation.displacement  # noqa: B018  brings the state into the forms
         stress, part = self._stress(), self._simulation.part
         if part is None or self._shares:
@@ -121,7 +121,7 @@ class FieldSeries:
 
     def displacement(self) -> np.ndarray:
         """Displacement of the geometry nodes that are shown, shape (num_nodes, dim), m."""
-        return self._vertices.displacement()
+        return VertexValues(self._simulation).displacement()
 
     @property
     def series(self) -> list[TimeSeries]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from xper_fx.output.contact_forces import body_of_slot, first_rigid
+from xper_fx.simulation.slot_bodies import body_of_slot, first_rigid
 from xper_fx.simulation.simulation import Simulation
 
 

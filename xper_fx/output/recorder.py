@@ -293,7 +293,8 @@ class Recorder:
             if self._fields is not None:
                 self._fields.write(fragment)
             if simulation.rigid is not None:
-                self._at_root(lambda: self._rigid.write(simulation.time, fragment))
+                motion = simulation.rigid
+                self._at_root(lambda: self._rigid.write(motion, simulation.time, fragment))
         self._next += self._every
 
     def cell_stress(self) -> np.ndarray:

@@ -43,7 +43,7 @@ class RigidSeries:
         diameter: np.ndarray,
         after: Mapping | None = None,
     ):
-        self._motion, self.outline = motion, body_outlines(motion.bodies)
+        self._group_of, self.outline = motion.bodies.group_of, body_outlines(motion.bodies)
         self._diameter = diameter[self.outline.body_of_cell]
         middle = self.outline.points[self.outline.cells].mean(axis=1)
         self._half = (middle[:, 0] > 0.0).astype(np.int32)
@@ -53,14 +53,17 @@ class RigidSeries:
     def _positions(self, state: RigidState) -> np.ndarray:
         return self.outline.positions(state.position, state.turn.rotation)
 
-    def write(self, time: float, fragment: np.ndarray | None = None) -> None:
+    def write(
+        self, motion: RigidMotion, time: float, fragment: np.ndarray | None = None
+    ) -> None:
         """Add the committed state, as `TimeSeries.write`.
 
         Args:
+            motion: of the bodies, perhaps another object than at the start.
             time: s.
             fragment: of each body, rigid ones last; None leaves the field out.
         """
-        state = self._motion.displayed
+        state = motion.displayed
         positions = self._positions(state)
         body, spin = self.outline.body_of_point, state.turn.spin
         arm = positions - state.position[body]
@@ -76,7 +79,7 @@ class RigidSeries:
             "spin": spin[owner],
             "rotation": rotation[owner],
             "body": owner,
-            "group": self._motion.bodies.group_of[owner],
+            "group": self._group_of[owner],
             "diameter": self._diameter,
             "half": self._half,
         }

@@ -16,6 +16,8 @@ import dolfinx.cpp
 import numpy as np
 from scipy.sparse import coo_array
 
+from xper_fx.parallel.ownership import Meetings
+
 # Of SCOTCH's strategies the one for small cuts, and the share by which parts may differ.
 _QUALITY, _IMBALANCE = 1, 0.02
 
@@ -48,7 +50,29 @@ def partition_bodies(
     if num_ranks == 1:
         return np.zeros(count, np.int32)
     rank_of_body = _scotch(np.asarray(weights), _graph(pairs, exchanged, count), num_ranks)
-    return _none_empty(rank_of_body, num_ranks)
+    return none_empty(rank_of_body, num_ranks)
+
+
+def cost_of_partition(sides: np.ndarray, weights: np.ndarray, own: np.ndarray) -> float:
+    """What a partition costs over what it would if the work could be divided evenly.
+
+    Cuts are swept two ranks at a time where they are of one phase (`ownership.Meetings`):
+
+        cost = (max_r work_r + sum over phases of max cut_ab) / mean
+
+    Args:
+        sides: shape (n, 2), ranks of the bodies of what is between two.
+        weights: shape (n,), its work.
+        own: shape (num_ranks,), the rest of the work of each rank.
+    """
+    size = len(own)
+    alone = sides[:, 0] == sides[:, 1]
+    work = (own + np.bincount(sides[alone, 0], weights[alone], size)).max()
+    met, pair = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
+    cut, meetings = np.bincount(pair.ravel(), weights), Meetings(size).with_pairs(met)
+    phase = meetings.of(*met.T)
+    work += sum(cut[phase == p].max() for p in range(1, meetings.num_phases + 1))
+    return float(size * work / (own.sum() + weights.sum()))
 
 
 def _graph(pairs, exchanged, count):
@@ -112,7 +136,7 @@ def _scotch(weights, adjacency, num_ranks: int) -> np.ndarray:
     return parts.astype(np.int32)
 
 
-def _none_empty(rank_of_body: np.ndarray, num_ranks: int) -> np.ndarray:
+def none_empty(rank_of_body: np.ndarray, num_ranks: int) -> np.ndarray:
     """Give each rank that has nothing a body of the rank that has most."""
     sizes = np.bincount(rank_of_body, minlength=num_ranks)
     for rank in np.flatnonzero(sizes == 0):

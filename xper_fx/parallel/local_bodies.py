@@ -39,7 +39,9 @@ class LocalBodies:
     cell_of: np.ndarray
 
 
-def divide(bodies: Bodies, ranks: Ranks, touching: bool = False) -> LocalBodies:
+def divide(
+    bodies: Bodies, ranks: Ranks, touching: bool = False, rank_of_body: np.ndarray | None = None
+) -> LocalBodies:
     """Divide bodies among ranks and take this rank's.
 
     Args:
@@ -47,15 +49,18 @@ def divide(bodies: Bodies, ranks: Ranks, touching: bool = False) -> LocalBodies:
             where they are.
         touching: whether bodies that are near each other are tied or may come into contact, and
             should be on one rank.
+        rank_of_body: shape (num_bodies,), as they are to be divided; None where that is to be
+            found.
 
     Raises:
         ValueError: fewer bodies than ranks.
     """
     if bodies.spread is not None:
         return _take(bodies, bodies.spread.rank_of_body, ranks.rank)
-    near = neighbours(bodies) if touching else np.zeros((0, 2), np.int64)
-    rank_of_body = bodies_by_rank(bodies, ranks.size, near)
-    return _take(bodies, ranks.comm.bcast(rank_of_body), ranks.rank)
+    if rank_of_body is None:
+        near = neighbours(bodies) if touching else np.zeros((0, 2), np.int64)
+        rank_of_body = ranks.comm.bcast(bodies_by_rank(bodies, ranks.size, near))
+    return _take(bodies, rank_of_body, ranks.rank)
 
 
 def neighbours(bodies: Bodies) -> np.ndarray:

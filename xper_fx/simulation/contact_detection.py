@@ -60,6 +60,7 @@ class Detection:
         laws: laws of all interactions: those given, and those of contacts.
         nodes: nodes of V at which contacts may come about.
         reach: largest gap of contacts of surfaces (m); infinite without any.
+        lips: of broken bonds, where surfaces are searched.
     """
 
     def __init__(
@@ -158,7 +159,7 @@ class Detection:
         if self._shared is not None:
             here = self._shared.owns(facets.bodies[lips])
         numbers = np.arange(len(lips))
-        self._lips = PartedLips(
+        self.lips = PartedLips(
             self._surfaces, self._x, facets, lips, numbers, taken, self._ranks, here
         )
 
@@ -381,7 +382,7 @@ class Detection:
         if self._shared is not None:
             self._shared.commit()
         if self._surfaces is not None:
-            self._lips.release(interactions, each, lambda: self._moved_with_known(displacement))
+            self.lips.release(interactions, each, lambda: self._moved_with_known(displacement))
 
     def saved(self) -> dict:
         """Lists' origins, broken lips and those that have retired."""
@@ -396,7 +397,7 @@ class Detection:
             out["surfaces"] = self._surfaces.lists.saved()
             if self._shared is not None and out["surfaces"]:
                 self._shared.fill_in(out["surfaces"]["x"])
-            out |= self._lips.saved()
+            out |= self.lips.saved()
         if self._shared is not None:
             out["shared"] = self._shared.saved()
         return out
@@ -408,7 +409,7 @@ class Detection:
         if self._rigid is not None:
             self._rigid.restore(saved.get("rigid", {}))
         if self._surfaces is not None and "surfaces" in saved:
-            self._lips.restore(saved)
+            self.lips.restore(saved)
             self._surfaces.lists.restore(saved["surfaces"])
         if self._shared is not None and "shared" in saved:
             self._shared.restore(saved["shared"])

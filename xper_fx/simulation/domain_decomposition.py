@@ -19,6 +19,7 @@ from xper_fx.support.ranks import ALONE, Ranks
 
 if TYPE_CHECKING:
     from xper_fx.parallel.local_bodies import LocalBodies
+    from xper_fx.parallel.rebalancing import Rebalancing
     from xper_fx.parallel.rigid_partition import RigidDivision
     from xper_fx.parallel.rigid_share import RigidShare
 
@@ -38,15 +39,24 @@ class Decomposition(NamedTuple):
     contacts: RigidDivision | None = None
     #: what of the rigid bodies beside meshed ones is this rank's, None if all or none are
     rigid: RigidShare | None = None
+    balance: Rebalancing | None = None  #: tells when to divide anew, None where nothing moves
 
 
-def decomposed(scene: Scene, options: Options, team: Ranks, stopwatch: Stopwatch) -> Decomposition:
+def decomposed(
+    scene: Scene,
+    options: Options,
+    team: Ranks,
+    stopwatch: Stopwatch,
+    rank_of_body: np.ndarray | None,
+) -> Decomposition:
     """Divide a scene among ranks where that can be done; all ranks call it together.
 
     Args:
         options: of the run.
         team: ranks that have the scene.
         stopwatch: of the run.
+        rank_of_body: of meshed bodies, then of rigid ones, as they are to be divided, shape
+            (num_bodies,); None where that is to be found.
     """
     if team.alone:
         return Decomposition()
@@ -62,17 +72,44 @@ def decomposed(scene: Scene, options: Options, team: Ranks, stopwatch: Stopwatch
         return Decomposition()
     from xper_fx.parallel.local_bodies import divide
 
+    bodies, solids = scene.bodies, scene.rigid_bodies
+    rigid, groups = None, np.zeros(0, int)
     with stopwatch.phase("partition"):
-        part = divide(scene.bodies, team, touching or len(scene.ties) > 0)
-        if scene.rigid_bodies is None:
-            return Decomposition(team, part)
-        from xper_fx.parallel.rigid_share import share_rigid
+        given = None if rank_of_body is None else rank_of_body[: bodies.num_bodies]
+        part = divide(bodies, team, touching or len(scene.ties) > 0, given)
+        if solids is not None:
+            from xper_fx.parallel.rigid_share import RigidShare, share_rigid
 
-        names = set(scene.rigid_bodies.groups)
-        touch = any(c.law is not None and set(c.between) <= names for c in scene.contacts)
-        groups = _rigid_groups(scene, ~scene.rigid_bodies.is_prescribed.all(axis=1), touch)
-        rigid = share_rigid(scene.rigid_bodies, scene.bodies, part.rank_of_body, team, groups)
-        return Decomposition(team, part, rigid=rigid)
+            names, moves = set(solids.groups), ~solids.is_prescribed.all(axis=1)
+            touch = any(c.law is not None and set(c.between) <= names for c in scene.contacts)
+            groups = _rigid_groups(scene, moves, touch)
+            if rank_of_body is None:
+                rigid = share_rigid(solids, bodies, part.rank_of_body, team, groups)
+            else:
+                rigid = RigidShare(team, rank_of_body[bodies.num_bodies :], moves, scene.dim)
+    return Decomposition(team, part, None, rigid, _balance(scene, team, part, rigid, groups))
+
+
+def _balance(
+    scene: Scene,
+    team: Ranks,
+    part: LocalBodies,
+    rigid: RigidShare | None,
+    groups: np.ndarray,
+) -> Rebalancing | None:
+    """What tells when to divide bodies anew, where surfaces may meet of a mesh that is whole."""
+    named = {name for c in scene.contacts if c.law is not None for name in c.between}
+    if scene.bodies.spread is not None or named.isdisjoint(scene.surfaces):
+        return None
+    from xper_fx.parallel.rebalancing import Rebalancing
+
+    rank_of_rigid, moves = np.zeros(0, np.int32), np.zeros(0, bool)
+    if rigid is not None:
+        rank_of_rigid, moves = rigid.rank_of_body, rigid.moves
+    return Rebalancing(
+        team, np.concatenate([part.rank_of_body, rank_of_rigid]),
+        np.bincount(scene.bodies.body_of_cell), moves, groups,
+    )  # fmt: skip
 
 
 def _rigid_groups(scene: Scene, moves: np.ndarray, touch: bool) -> np.ndarray:

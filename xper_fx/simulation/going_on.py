@@ -49,6 +49,7 @@ def go_on(simulation: Restartable, after: Snapshot) -> None:
     stored = 0.0 if model.joints is None else model.joints.stored
     saved = _carried(simulation, after)
     simulation.restore(saved)
+    model = simulation.model  # another one where the run had divided its bodies anew
     if model.options.scheme == "implicit":
         model.ledger.leave_shadow()
     if model.scene.bodies is not None and model.options.path is None:

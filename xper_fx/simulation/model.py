@@ -69,6 +69,7 @@ class Model:
         options: of which it can be run.
         team: ranks that have the scene; they divide its bodies or contacts where they can.
         stopwatch: of the run.
+        rank_of_body: as of `decomposed`; the scene has been checked, and doubts told, if given.
 
     Attributes:
         scene, options, stopwatch: as given.
@@ -76,6 +77,7 @@ class Model:
         part: what this rank has of the bodies, None if one rank has all.
         division: of the contacts of rigid bodies, None if one rank has all.
         rigid_share: what this rank has of rigid bodies beside divided meshed ones, None if all.
+        balance: tells when bodies should be divided anew, None where they stay.
         bodies: this rank's meshed bodies.
         bulk: of these.
         facets: what is read of those with a tag.
@@ -99,15 +101,25 @@ class Model:
         ValueError: the scene cannot be run so.
     """
 
-    def __init__(self, scene: Scene, options: Options, team: Ranks, stopwatch: Stopwatch):
+    def __init__(
+        self,
+        scene: Scene,
+        options: Options,
+        team: Ranks,
+        stopwatch: Stopwatch,
+        rank_of_body: np.ndarray | None = None,
+    ):
         self.scene, self.options, self.stopwatch = scene, options, stopwatch
-        if not team.alone or (scene.bodies is not None and scene.bodies.spread is not None):
+        first, spread = rank_of_body is None, scene.bodies is not None and scene.bodies.spread
+        tells = first and team.rank == 0
+        if first and (spread or not team.alone):
             from xper_fx.simulation.same_on_ranks import check_same_on_ranks
 
             check_same_on_ranks(scene, options, team)
-        tell_doubts(scene, options.requested.step, team)
-        self.ranks, self.part, self.division, self.rigid_share = decomposed(
-            scene, options, team, stopwatch
+        if first:
+            tell_doubts(scene, options.requested.step, team)
+        self.ranks, self.part, self.division, self.rigid_share, self.balance = decomposed(
+            scene, options, team, stopwatch, rank_of_body
         )
         self.bodies = scene.bodies if self.part is None else self.part.bodies
         self.bulk, ties = self._bulk()
@@ -116,7 +128,7 @@ class Model:
             self.options = options = replace(options, scheme="explicit")
         self.facets = TaggedFacets(self.bodies, self.bulk)
         self.rigid = self._rigid_motion()
-        self.step_size = self._step_size(team)
+        self.step_size = self._step_size(tells)
         self.start = initial_state(
             self.bulk, self.bodies, scene.initial_velocity, self.step_size, options.inertia
         )
@@ -143,7 +155,7 @@ class Model:
                 "meshed bodies, which have no spin, has it: give a law with rolling=0 there."
             )
         self.monolithic = takes_one_system(options, scene, self.points, searched, self.bulk)
-        if not (self.monolithic or options.inertia) and self._laws and team.rank == 0:
+        if not (self.monolithic or options.inertia) and self._laws and tells:
             options.requested.doubt_tolerance()
         self.scheme = self.new_scheme()
         with stopwatch.phase("interaction points"):
@@ -151,11 +163,11 @@ class Model:
             if self.detection is not None and self.part is not None:
                 self.detection.share(self.interactions, self.slot_nodes)
         if self.interactions is not None and self.interactions.fused is not None:
-            if self.by_vertex:
-                self._doubt_fracture_energies()
-            else:
+            if not self.by_vertex:
                 prescribed = self.bulk.layout.prescribed
                 share_motions(self.interactions, self.slot_nodes, prescribed, self.start)
+            elif first:
+                self._doubt_fracture_energies()
         self.healing = self._healing()
         self.bond_turns = self._bond_turns()
         if options.path is not None:
@@ -242,7 +254,7 @@ class Model:
 
         return RigidMotion(bodies, scene.gravity)
 
-    def _step_size(self, team: Ranks) -> float:
+    def _step_size(self, tells: bool) -> float:
         """The step asked for, or a share of the critical one.
 
         Raises:
@@ -262,7 +274,7 @@ class Model:
                 f"The explicit bulk is unstable at the step {step:g} s; it should be below the "
                 f'critical one, {critical:.3g} s. Take a smaller step or scheme="implicit".'
             )
-        if self.bulk.forms.finite_strain and step > SAFE * critical and team.rank == 0:
+        if self.bulk.forms.finite_strain and step > SAFE * critical and tells:
             logger.warning(
                 "The step %.3g s is %.2f of the critical one, which falls as cells are flattened "
                 "or stiffen: at the first fall the step will be cut by half, for the rest of the "

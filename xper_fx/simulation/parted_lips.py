@@ -41,6 +41,10 @@ class PartedLips:
         ranks: those that divide the points.
         here: shape (len(with_points),), bool: of which of them this rank looks at the normals; it
             has one of the two bodies, and where all points of a facet are on one rank, has them.
+
+    Attributes:
+        search: as given.
+        retired: shape (len(with_points),), bool: which of them the search has taken over.
     """
 
     def __init__(
@@ -54,11 +58,11 @@ class PartedLips:
         ranks: Ranks,
         here: np.ndarray,
     ):
-        self._search, self._lips, self._ranks, self._here = search, with_points, ranks, here
+        self.search, self._lips, self._ranks, self._here = search, with_points, ranks, here
         self._numbers, self._exist = numbers, ranks.max(float(taken.any())) > 0.0
         self._loose = np.zeros((len(taken), 0), bool)  # by point, once there are any
         self._waiting = taken.copy()
-        self._broken, self._ajar, self._retired = np.zeros((3, len(taken)), bool)
+        self._broken, self._ajar, self.retired = np.zeros((3, len(taken)), bool)
         dim = x.shape[1]
         self._far = _FAR * facets.measure[with_points] ** (1.0 / (dim - 1))
         self._nodes = search.surface.bond_nodes[with_points]
@@ -153,20 +157,20 @@ class PartedLips:
 
     def _open(self, ajar: np.ndarray, broken: np.ndarray) -> None:
         if len(ajar):
-            self._search.leave_ajar(self._lips[ajar])
+            self.search.leave_ajar(self._lips[ajar])
             self._ajar[ajar] = True
         if len(broken):
-            self._search.expose(self._lips[broken])
+            self.search.expose(self._lips[broken])
             self._broken[broken] = True
 
     def _retire(self, lips: np.ndarray) -> None:
-        self._search.release(self._lips[lips])
-        self._retired[lips] = True
+        self.search.release(self._lips[lips])
+        self.retired[lips] = True
         self._waiting[lips] = False
 
     def saved(self) -> dict[str, Rows]:
         """Which facing facets with points have opened and which have retired."""
-        kept = {"exposed": self._broken, "released": self._retired, "ajar": self._ajar}
+        kept = {"exposed": self._broken, "released": self.retired, "ajar": self._ajar}
         number = self._numbers[self._here]
         return {name: Rows(number, mask[self._here]) for name, mask in kept.items()}
 

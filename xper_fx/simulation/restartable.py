@@ -16,6 +16,7 @@ from xper_fx.bulk.state import State, StepOutcome, Supports
 from xper_fx.nscd.solvers.solver import Solver
 from xper_fx.simulation.course import Course
 from xper_fx.simulation.explicit_start import leave_explicit
+from xper_fx.simulation.model import Model
 from xper_fx.simulation.readings import Readings
 from xper_fx.support.errors import CheckpointError
 from xper_fx.support.ranks import ALONE, Ranks
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from xper_fx.parallel.local_bodies import LocalBodies
     from xper_fx.periodic.averages import Macroscopic
     from xper_fx.scene.snapshot import Snapshot
+    from xper_fx.simulation.attempt import StepAttempts
 
 logger = logging.getLogger(__name__)
 
@@ -42,6 +44,8 @@ class Restartable(Readings):
     macroscopic: Macroscopic | None
     _course: Course
     _save: Callable[[], Path] | None
+    _attempts: StepAttempts
+    _take: Callable[[Model], None]
 
     def save_on_failure(self, save: Callable[[], Path] | None) -> None:
         """Save the state where a step does not converge, before the error is raised.
@@ -106,6 +110,9 @@ class Restartable(Readings):
             saved["rigid_reactions"] = self._rigid_reactions
         if model.interactions is not None:
             saved["solvers"] = _solver_memories(self)
+        if model.balance is not None and model.balance.is_pending:
+            # they are of the partition that there was
+            del saved["solvers"], saved["detection"]["shared"]
         return saved
 
     @property
@@ -178,6 +185,7 @@ class Restartable(Readings):
                 f"The state is of {saved['equations']}; this simulation is of {self.equations}. "
                 "Restore it into one of the same scene, with the same scheme, theta and inertia."
             )
+        model = self._divided_as(saved)
         from_cells = model.bulk.unknowns.from_cells
         state = saved.get("state", {})
         vectors = {
@@ -227,6 +235,25 @@ class Restartable(Readings):
         own = f"{model.ranks.rank} of {model.ranks.size}"
         self.solver.restore(interactions, saved.get("solvers", {}).get(own, {}))
 
+    def _divided_as(self, saved: Mapping) -> Model:
+        """The model, made again if `saved` is of one whose bodies were on other ranks."""
+        model, attempts = self.model, self._attempts
+        if model.balance is not None and "balance" in saved:
+            rank_of_body = model.balance.other(saved["balance"])
+            if rank_of_body is not None:
+                options, watch = model.options, model.stopwatch
+                self._take(Model(model.scene, options, self.team, watch, rank_of_body))
+                self._attempts.doubts = attempts.doubts
+        return self.model
+
+    def _rebalance(self) -> None:
+        """Divide bodies among ranks as it was found better; all ranks call it together."""
+        if self.model.balance is not None and self.model.balance.is_pending:
+            course = self._course
+            with self.stopwatch.phase("balance of ranks"):
+                self.restore(self.saved_in_order())
+            self._course = course
+
 
 def _gathered(tree: Mapping, ranks: Ranks) -> dict:
     """A tree with the `Rows` of all ranks as arrays in their order."""
@@ -260,6 +287,6 @@ def _parts(simulation: Restartable) -> list[tuple[str, object]]:
     parts = [
         ("interactions", simulation.model.interactions), ("detection", simulation.model.detection),
         ("rigid", simulation.model.rigid), ("accuracy", simulation.model.control),
-        ("path", simulation.path),
+        ("path", simulation.path), ("balance", simulation.model.balance),
     ]  # fmt: skip
     return [(name, part) for name, part in parts if part is not None]

@@ -158,15 +158,12 @@ class Simulation(Restartable):
         self.stopwatch = Stopwatch()
         self.folder: Path | None = None
         with self.stopwatch.phase("set-up"):
-            self.model = model = Model(scene, options, self.team, self.stopwatch)
-        self.ranks, self.part, self.bodies = model.ranks, model.part, model.bodies
-        self.bulk, self.forms, self.rigid = model.bulk, model.bulk.forms, model.rigid
-        self.detection, self.theta, self.ledger = model.detection, model.scheme.theta, model.ledger
+            model = Model(scene, options, self.team, self.stopwatch)
+        self._take(model)
         self.state, self.step_size, self.step_number = model.start, model.step_size, 0
         self.tolerance = requested.tolerance
         self.last: StepOutcome | None = None
         self.macroscopic = self._macroscopic(None, None, self.step_size)
-        self._attempts = StepAttempts(model)
         self.path = None if path is None else path.follower()
         self._before: State | None = None
         self._last_size = self.step_size
@@ -183,6 +180,12 @@ class Simulation(Restartable):
             from xper_fx.simulation.going_on import go_on
 
             go_on(self, scene.after)
+
+    def _take(self, model: Model) -> None:
+        self.model, self._attempts = model, StepAttempts(model)
+        self.ranks, self.part, self.bodies = model.ranks, model.part, model.bodies
+        self.bulk, self.forms, self.rigid = model.bulk, model.bulk.forms, model.rigid
+        self.detection, self.theta, self.ledger = model.detection, model.scheme.theta, model.ledger
 
     @property
     def options(self) -> Options:
@@ -287,6 +290,7 @@ class Simulation(Restartable):
             course.begin(self.step_size)
             yield from self._advance(end_time)
         while not fixed and end_time - self.state.time > _ROUNDING * abs(end_time):
+            control = self.model.control
             if self.model.begins_explicit and control.outgrows(end_time):
                 leave_explicit(self.model)
                 self.state = replace(self.state, external=self.bulk.external(self.time))
@@ -296,9 +300,10 @@ class Simulation(Restartable):
     def _advance(self, end_time: float) -> Iterator[StepRecord]:
         """The pieces of a step that are left to do; none if it should be shorter."""
         pieces, most = self._course.pieces, self.options.max_halvings
-        control = self.model.control
         while pieces:
+            self._rebalance()
             size, halvings = pieces.pop()
+            control = self.model.control
             last_try, record = halvings >= most, None
             doubling = None if control is None else control.estimate.doubling
             if doubling is not None and doubling.is_due:
@@ -347,6 +352,7 @@ class Simulation(Restartable):
         """Steps along the path until its time is the end time."""
         path, self._course = self.path, Course(end_time, self.step_size)
         while end_time - self.state.time > _ROUNDING * abs(end_time):
+            self._rebalance()
             with self.stopwatch.phase("step"):
                 outcome, size = self._attempts.along_path(
                     self.state, self._last_size, self.step_size, path, end_time
@@ -403,6 +409,10 @@ class Simulation(Restartable):
         self._rigid_reactions = attempts.rigid_reactions
         self.macroscopic = self._macroscopic(self._before, outcome, size)
         self.step_number = number
+        if self.model.balance is not None:
+            from xper_fx.simulation.balance import look_at_balance
+
+            look_at_balance(self, number)
         return StepRecord(
             number, self.state.time, size, outcome.sweeps, outcome.residual,
             outcome.traction_change, outcome.newton_iterations, outcome.newton_residual,

@@ -74,7 +74,7 @@ class SpreadDetection(Detection):
         group = self._groups_of_tags(bodies.facets.materials[lips])
         taken = np.all(group >= 0, axis=1) & (self._law_of_pair[group[:, 0], group[:, 1]] >= 0)
         of_pairs = owners_of_pairs(part.rank_of_body[bodies.facets.bodies[lips]])
-        self._lips = PartedLips(
+        self.lips = PartedLips(
             search, own.start, bodies.facets, lips, self._lip_numbers, taken, ranks,
             of_pairs == ranks.rank,
         )  # fmt: skip
@@ -117,9 +117,9 @@ class SpreadDetection(Detection):
 
     def saved(self) -> dict:
         """Broken lips and those that have retired; lists are made anew."""
-        return {**self._lips.saved(), "shared": self._shared.saved()}
+        return {**self.lips.saved(), "shared": self._shared.saved()}
 
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave, its rows in order."""
-        self._lips.restore(saved)
+        self.lips.restore(saved)
         self._shared.restore(saved["shared"])

@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What ranks gain where bodies are divided among them anew as the load moves, by counts.
+
+    mpirun -n 2 python3 benchmarks/moving_load.py [pile | swarms] [--blocks 16] [--stay]
+
+- *pile*: rows of blocks, apart from each other, fall on a wall and pile up, the lowest first;
+- *swarms*: the rows of two swarms of blocks fly in between each other.
+
+Printed are, of some steps, contacts and those of the rank that has most over the mean, contacts
+between bodies of two ranks, nodes of other ranks that a rank knows, and the cost of the partition
+(`xper_fx.parallel.division.cost_of_partition`); at the end how often bodies were divided, the
+processor time of all ranks, and what the divisions took of it. With `--stay` bodies stay.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import numpy as np
+from mpi4py import MPI
+
+import xper_fx as xf
+from xper_fx.bodies.meshes import midpoints_of
+from xper_fx.parallel import rebalancing
+from xper_fx.parallel.launch import run_together
+from xper_fx.simulation.slot_bodies import body_of_slot
+from xper_fx.support.compat import geometry_dofmap
+
+GAP, SPEED = 0.02, 1.0
+RUB = xf.laws.SignoriniCoulomb(friction=0.3)
+FLOOR = xf.rigid.wall((0.0, 0.0), (0.0, 1.0), "floor")
+
+
+def blocks(size: int, cells: int) -> xf.Bodies:
+    """Blocks of size one in a square, row by row, each of 4 cells^2 triangles."""
+    count = size * cells
+    mesh = xf.crossed_rectangle((0.0, 0.0), (size, size), (count, count), MPI.COMM_SELF)
+    column, row = np.floor(midpoints_of(mesh.geometry.x, geometry_dofmap(mesh))[:, :2]).astype(int).T
+    return xf.explode(mesh, size * row + column)
+
+
+def pile(size: int, cells: int) -> xf.Scene:
+    """Rows fall on a wall, each half a block above the one below it."""
+    bodies = blocks(size, cells)
+    row, column = np.divmod(bodies.labels, size)
+    aside = np.random.default_rng(1).uniform(-0.04, 0.04, len(row))
+    move(bodies, 0.1 * column + aside, GAP + 0.5 * row)
+    return scene_of(bodies, lambda x: np.stack([0.0 * x[0], -SPEED + 0.0 * x[0]]), [FLOOR])
+
+
+def swarms(size: int, cells: int) -> xf.Scene:
+    """Even rows fly to the right, in between odd ones that fly to the left."""
+    bodies, pitch = blocks(size, cells), 1.0 + GAP
+    row, column = np.divmod(bodies.labels, size)
+    move(bodies, GAP * column + size * pitch * (row % 2), GAP * row)
+    upwards = np.random.default_rng(1).uniform(-0.05, 0.05, (size, 2 * size)) * SPEED
+
+    def velocity(x):
+        row, column = (np.floor(x[axis] / pitch).astype(int) for axis in (1, 0))
+        return np.stack([SPEED * (1.0 - 2.0 * (row % 2)), upwards[row, column]])
+
+    return scene_of(bodies, velocity, [])
+
+
+def move(bodies: xf.Bodies, x: np.ndarray, y: np.ndarray) -> None:
+    """Move bodies by a shift each."""
+    cells, geometry = geometry_dofmap(bodies.mesh), bodies.mesh.geometry
+    shift, body = np.stack([x, y], axis=1), np.zeros(len(geometry.x), int)
+    body[cells] = bodies.body_of_cell[:, None]
+    geometry.x[:, :2] += shift[body]
+
+
+def scene_of(bodies: xf.Bodies, velocity, rigid: list) -> xf.Scene:
+    """Blocks that rub each other and whatever there is besides."""
+    names = ["blocks", *(body.group for body in rigid)]
+    return xf.Scene(
+        bodies, {1: xf.materials.LinearElastic(1000.0, 0.3, 1.0)}, interactions={(1, 1): None},
+        surfaces={"blocks": (1,)}, contacts=[xf.Contact(("blocks", name), RUB) for name in names],
+        rigid=rigid, initial_velocity=velocity,
+    )  # fmt: skip
+
+
+SCENES = {"pile": pile, "swarms": swarms}
+
+
+def counts(simulation: xf.Simulation) -> tuple[float, ...]:
+    """Of contacts, unknowns and ghosts what the docstring names."""
+    points, ranks = simulation.interactions, simulation.ranks
+    body, first = body_of_slot(simulation), simulation.scene.bodies.num_bodies
+    pairs = [body[g.points.nodes[:, :, 0]] for g in points.contacts]
+    pairs = np.concatenate([np.zeros((0, 2), int), *pairs])
+    contacts = ranks.comm.allgather(len(pairs))
+    cut = 0
+    if simulation.part is not None:
+        meshed = pairs[(pairs < first).all(axis=1)]
+        cut = int(ranks.sum(np.diff(simulation.part.rank_of_body[meshed], axis=1).any(axis=1).sum()))
+    ghosts = ranks.max(points.inverse.num_nodes - points.own_inverse.num_nodes)
+    mean = max(np.mean(contacts), 1.0 / ranks.size)
+    return sum(contacts), max(contacts) / mean, cut, ghosts
+
+
+def run(name: str, size: int, cells: int, scheme: str, steps: int, every: int) -> dict:
+    """Print the counts of some steps; what came out."""
+    step = {"implicit": 1e-2, "explicit": None}[scheme]
+    simulation = xf.Simulation(
+        SCENES[name](size, cells), step, scheme=scheme, tolerance=1e-4, num_threads=1
+    )
+    print("step contacts max/mean cut ghosts cost divided")
+    divided, part, before, began, cost = 0, simulation.part, 0.0, time.process_time(), []
+    for record in simulation.steps(steps * simulation.step_size):
+        divided += simulation.part is not part
+        part = simulation.part
+        if simulation.model.balance is not None:
+            cost.append(simulation.model.balance.cost)
+        if record.step % every == 0:
+            contacts, uneven, cut, ghosts = counts(simulation)
+            now = cost[-1] if cost else 1.0
+            print(f"{record.step} {contacts} {uneven:.2f} {cut} {ghosts:.0f} {now:.2f} {divided}")
+    spent = simulation.ranks.sum(time.process_time() - began)
+    print(f"mean cost {np.mean(cost or [1.0]):.3f}, divided {divided} times, {spent:.1f} s")
+    print(simulation.stopwatch)
+    return {"divided": divided, "cost": np.array(cost)}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("scene", choices=SCENES, nargs="?", default="pile")
+    parser.add_argument("--blocks", type=int, default=16, help="in a row")
+    parser.add_argument("--cells", type=int, default=2, help="on a side of a block")
+    parser.add_argument("--scheme", choices=("implicit", "explicit"), default="explicit")
+    parser.add_argument("--steps", type=int, default=1000)
+    parser.add_argument("--every", type=int, default=100, help="steps of which a line is printed")
+    parser.add_argument("--stay", action="store_true", help="never divide anew")
+    a = parser.parse_args()
+    if a.stay:
+        rebalancing._PRICE = np.inf
+    run(a.scene, a.blocks, a.cells, a.scheme, a.steps, a.every)
+
+
+if __name__ == "__main__":
+    run_together(main)
