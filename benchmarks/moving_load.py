@@ -27,7 +27,7 @@ from xper_fx.parallel.launch import run_together
 from xper_fx.simulation.slot_bodies import body_of_slot
 from xper_fx.support.compat import geometry_dofmap
 
-GAP, SPEED = 0.02, 1.0
+GAP, SPEED, STEP = 0.02, 1.0, 4e-3
 RUB = xf.laws.SignoriniCoulomb(friction=0.3)
 FLOOR = xf.rigid.wall((0.0, 0.0), (0.0, 1.0), "floor")
 
@@ -36,7 +36,8 @@ def blocks(size: int, cells: int) -> xf.Bodies:
     """Blocks of size one in a square, row by row, each of 4 cells^2 triangles."""
     count = size * cells
     mesh = xf.crossed_rectangle((0.0, 0.0), (size, size), (count, count), MPI.COMM_SELF)
-    column, row = np.floor(midpoints_of(mesh.geometry.x, geometry_dofmap(mesh))[:, :2]).astype(int).T
+    middle = midpoints_of(mesh.geometry.x, geometry_dofmap(mesh))
+    column, row = np.floor(middle[:, :2]).astype(int).T
     return xf.explode(mesh, size * row + column)
 
 
@@ -94,48 +95,55 @@ def counts(simulation: xf.Simulation) -> tuple[float, ...]:
     cut = 0
     if simulation.part is not None:
         meshed = pairs[(pairs < first).all(axis=1)]
-        cut = int(ranks.sum(np.diff(simulation.part.rank_of_body[meshed], axis=1).any(axis=1).sum()))
+        sides = simulation.part.rank_of_body[meshed]
+        cut = int(ranks.sum(np.count_nonzero(sides[:, 0] != sides[:, 1])))
     ghosts = ranks.max(points.inverse.num_nodes - points.own_inverse.num_nodes)
     mean = max(np.mean(contacts), 1.0 / ranks.size)
     return sum(contacts), max(contacts) / mean, cut, ghosts
 
 
-def run(name: str, size: int, cells: int, scheme: str, steps: int, every: int) -> dict:
-    """Print the counts of some steps; what came out."""
-    step = {"implicit": 1e-2, "explicit": None}[scheme]
-    simulation = xf.Simulation(
-        SCENES[name](size, cells), step, scheme=scheme, tolerance=1e-4, num_threads=1
-    )
+def run(name: str, size: int, cells: int, steps: int, every: int) -> dict[str, np.ndarray]:
+    """Run a scene and print the counts of some steps.
+
+    Returns:
+        Cost and unevenness of contacts after each step, how often bodies have been divided anew,
+        and energies.
+    """
+    scene = SCENES[name](size, cells)
+    simulation = xf.Simulation(scene, STEP, scheme="implicit", solver="nlgs", num_threads=1)
     print("step contacts max/mean cut ghosts cost divided")
-    divided, part, before, began, cost = 0, simulation.part, 0.0, time.process_time(), []
-    for record in simulation.steps(steps * simulation.step_size):
+    divided, part, began, rows = 0, simulation.part, time.process_time(), []
+    for record in simulation.steps(steps * STEP):
         divided += simulation.part is not part
-        part = simulation.part
-        if simulation.model.balance is not None:
-            cost.append(simulation.model.balance.cost)
+        part, balance = simulation.part, simulation.model.balance
+        contacts, uneven, cut, ghosts = counts(simulation)
+        cost = 1.0 if balance is None else balance.cost
+        rows.append((cost, contacts, uneven, divided, *record.energies.values()))
         if record.step % every == 0:
-            contacts, uneven, cut, ghosts = counts(simulation)
-            now = cost[-1] if cost else 1.0
-            print(f"{record.step} {contacts} {uneven:.2f} {cut} {ghosts:.0f} {now:.2f} {divided}")
+            print(f"{record.step} {contacts} {uneven:.2f} {cut} {ghosts:.0f} {cost:.2f} {divided}")
     spent = simulation.ranks.sum(time.process_time() - began)
-    print(f"mean cost {np.mean(cost or [1.0]):.3f}, divided {divided} times, {spent:.1f} s")
-    print(simulation.stopwatch)
-    return {"divided": divided, "cost": np.array(cost)}
+    share = simulation.stopwatch.seconds.get("balance of ranks", 0.0)
+    cost, contacts, uneven, often, *_ = np.array(rows).T
+    touching = contacts > 0
+    print(
+        f"mean cost {cost.mean():.3f}, contacts {uneven[touching].mean():.2f} of the mean, divided "
+        f"{divided} times; {spent:.1f} s, looks and divisions {simulation.ranks.sum(share):.1f} s"
+    )
+    return {"cost": cost, "uneven": uneven[touching], "divided": often, "rows": np.array(rows)}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("scene", choices=SCENES, nargs="?", default="pile")
     parser.add_argument("--blocks", type=int, default=16, help="in a row")
-    parser.add_argument("--cells", type=int, default=2, help="on a side of a block")
-    parser.add_argument("--scheme", choices=("implicit", "explicit"), default="explicit")
-    parser.add_argument("--steps", type=int, default=1000)
+    parser.add_argument("--cells", type=int, default=1, help="on a side of a block")
+    parser.add_argument("--steps", type=int, default=1500)
     parser.add_argument("--every", type=int, default=100, help="steps of which a line is printed")
     parser.add_argument("--stay", action="store_true", help="never divide anew")
     a = parser.parse_args()
     if a.stay:
         rebalancing._PRICE = np.inf
-    run(a.scene, a.blocks, a.cells, a.scheme, a.steps, a.every)
+    run(a.scene, a.blocks, a.cells, a.steps, a.every)
 
 
 if __name__ == "__main__":

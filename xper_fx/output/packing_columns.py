@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from xper_fx.simulation.slot_bodies import body_of_slot, first_rigid
 from xper_fx.simulation.simulation import Simulation
+from xper_fx.simulation.slot_bodies import body_of_slot, first_rigid
 
 
 def packing_columns(simulation: Simulation) -> dict[str, float]:

@@ -53,9 +53,7 @@ class RigidSeries:
     def _positions(self, state: RigidState) -> np.ndarray:
         return self.outline.positions(state.position, state.turn.rotation)
 
-    def write(
-        self, motion: RigidMotion, time: float, fragment: np.ndarray | None = None
-    ) -> None:
+    def write(self, motion: RigidMotion, time: float, fragment: np.ndarray | None = None) -> None:
         """Add the committed state, as `TimeSeries.write`.
 
         Args:

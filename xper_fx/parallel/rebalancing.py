@@ -124,9 +124,7 @@ class Rebalancing:
         own = np.bincount(rank_of_body[: len(self._cells)], self._cells, self._ranks.size)
         return cost_of_partition(sides, weights, _STEP + own)
 
-    def _partition(
-        self, pairs: np.ndarray, weights: np.ndarray, listed: np.ndarray
-    ) -> np.ndarray:
+    def _partition(self, pairs: np.ndarray, weights: np.ndarray, listed: np.ndarray) -> np.ndarray:
         vertex, first = self._vertex, len(self._cells)
         work = np.zeros(vertex.max() + 1, np.int64)
         work[:first] = 2 * self._cells

@@ -9,8 +9,9 @@ which sweeps over them.
 Bodies are partitioned as a graph whose edges are the pairs of the list. A pair weighs what its
 search costs, and `_CONTACT` more for each contact found last; a body weighs what its pairs do. The
 partition is looked at anew whenever the list has been made anew. Bodies are partitioned again where
-the cost of a sweep (`division.cost_of_partition`) has grown by `_GROWN` since the last partition: what was reached then is what can be reached, so
-that ranks do not partition again and again in vain. A partition that is no better is not taken.
+the cost of a sweep (`division.cost_of_partition`) has grown by `_GROWN` since the last partition:
+what was reached then is what can be reached, so that ranks do not partition again and again in
+vain. A partition that is no better is not taken.
 
 Bodies that joints join stay together: they are one vertex of the graph.
 

@@ -110,14 +110,10 @@ class Model:
         rank_of_body: np.ndarray | None = None,
     ):
         self.scene, self.options, self.stopwatch = scene, options, stopwatch
-        first, spread = rank_of_body is None, scene.bodies is not None and scene.bodies.spread
+        first = rank_of_body is None
         tells = first and team.rank == 0
-        if first and (spread or not team.alone):
-            from xper_fx.simulation.same_on_ranks import check_same_on_ranks
-
-            check_same_on_ranks(scene, options, team)
         if first:
-            tell_doubts(scene, options.requested.step, team)
+            _check(scene, options, team)
         self.ranks, self.part, self.division, self.rigid_share, self.balance = decomposed(
             scene, options, team, stopwatch, rank_of_body
         )
@@ -438,6 +434,15 @@ class Model:
             owns("commit", lambda: forms.history_nbytes)
         if interactions is not None:
             owns("interaction points", lambda: bytes_of_groups(interactions.groups))
+
+
+def _check(scene: Scene, options: Options, team: Ranks) -> None:
+    """See that all ranks have the same scene, and tell what is doubted of it."""
+    if not team.alone or (scene.bodies is not None and scene.bodies.spread is not None):
+        from xper_fx.simulation.same_on_ranks import check_same_on_ranks
+
+        check_same_on_ranks(scene, options, team)
+    tell_doubts(scene, options.requested.step, team)
 
 
 def _begins_explicit(options: Options, scene: Scene, bulk: Bulk, part: LocalBodies | None) -> bool:

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Meshed bodies that ranks divide anew as the load moves."""
+
+import re
+import shutil
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import meshio
+import numpy as np
+import pytest
+from on_ranks import on_ranks, runs_of
+
+from xper_fx.output.history import read_history
+from xper_fx.parallel import rebalancing
+from xper_fx.parallel.rebalancing import Rebalancing
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "ranks"))
+import rebalanced
+import touching_bodies
+
+SCENES = {2: ("explicit_shards", "pelted", "split_pelted", "pile", "pile_that_stays")}
+RUNS = SCENES[2][:3]
+
+
+class FirstOfTwo:
+    """The first of two ranks, of which the second has no contacts."""
+
+    rank, size = 0, 2
+
+    def __init__(self):
+        self.comm = SimpleNamespace(bcast=lambda value: value, allgather=lambda own: [own, own[:0]])
+
+
+def row_of_bodies(**settings):
+    """Six meshed bodies of ten cells in a row, three on a rank; two rigid ones, one is held."""
+    ranks = np.array([0, 0, 0, 1, 1, 1, 0, 1])
+    moves = np.array([True, False])
+    return Rebalancing(FirstOfTwo(), ranks, np.full(6, 10), moves, np.arange(2))
+
+
+NEIGHBOURS = np.array([[i, i + 1] for i in range(5)])
+LEFT = np.array([[0, 1], [1, 2], [0, 6], [2, 7]])
+
+
+def look(balance, contacts=LEFT):
+    """At bodies that hang together in a row and touch at the left end."""
+    balance.look(NEIGHBOURS, contacts, lambda: np.array([[0, 1]]))
+
+
+def test_the_cost_is_that_of_the_rank_that_has_most(monkeypatch):
+    """30 cells a rank; points: 2 x 2 on either and 2 between both; 4 contacts on the left."""
+    monkeypatch.setattr(rebalancing, "_STEP", 100)
+    balance = row_of_bodies()
+    assert balance.cost == 1.0
+    look(balance)
+    assert balance.cost == pytest.approx((100 + 30 + 4 + 4 * 30 + 2) / (100 + 30 + 5 + 2 * 30))
+
+
+def test_bodies_are_divided_once_as_much_is_lost_as_that_takes(monkeypatch):
+    monkeypatch.setattr(rebalancing, "_STEP", 0)
+    balance = row_of_bodies()
+    look(balance, LEFT[:0])  # what can be reached is seen while nothing touches
+    even = balance.cost
+    looks = 0
+    while not balance.is_pending:
+        look(balance)
+        looks += 1
+    lost = rebalancing._LOOKS_EVERY * (balance.cost - even)
+    assert looks == np.ceil(rebalancing._PRICE / lost)
+    saved = balance.saved()
+    other = balance.other(saved)
+    assert other.tolist() == saved["rank_of_body"].tolist()
+    assert set(other[:6]) == {0, 1} and other[7] == 1  # what is held is on every rank
+    assert len(set(other[[0, 1, 2]])) == 2  # contacts are shared
+    then = Rebalancing(
+        FirstOfTwo(), other, np.full(6, 10), np.array([True, False]), np.arange(2)
+    )
+    then.restore(saved)
+    assert then.other(saved) is None and not then.is_pending
+    look(then)
+    assert then.cost < balance.cost - rebalancing._WORTH
+    for _ in range(looks):
+        look(then)
+    assert not then.is_pending
+
+
+def test_what_was_lost_before_a_checkpoint_counts(monkeypatch):
+    monkeypatch.setattr(rebalancing, "_STEP", 0)
+    first, second = row_of_bodies(), row_of_bodies()
+    look(first, LEFT[:0])
+    while not first.is_pending:
+        second = row_of_bodies()
+        second.restore(first.saved())
+        look(first)
+    look(second)
+    assert second.is_pending
+
+
+def test_bodies_stay_where_nothing_is_better(monkeypatch):
+    """Work that is even, and cuts: no partition gains anything, and it is tried seldom."""
+    monkeypatch.setattr(rebalancing, "_STEP", 0)
+    balance, tried = row_of_bodies(), []
+    contacts = np.array([[i, i + 1] for i in range(5)])
+    partition = rebalancing.partition_bodies
+
+    def counted(*arguments):
+        tried.append(arguments)
+        return partition(*arguments)
+
+    monkeypatch.setattr(rebalancing, "partition_bodies", counted)
+    balance._reached = 1.0
+    for _ in range(1000):
+        look(balance, contacts)
+    assert len(tried) == 1 and not balance.is_pending
+
+
+def test_other_numbers_of_ranks_begin_anew():
+    balance = row_of_bodies()
+    saved = balance.saved() | {"ranks": 3, "lost": 7.0}
+    balance.restore(saved)
+    assert balance.other(saved) is None and balance.saved()["lost"] == 0.0
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """What a scene gives on a number of ranks."""
+    return runs_of("ranks/rebalanced.py", SCENES, touching_bodies.run, tmp_path_factory)
+
+
+@pytest.mark.ranks
+@pytest.mark.parametrize("name", RUNS)
+def test_runs_are_those_of_one_rank(found, name):
+    """Bonds that break, solids in space, and vertices that split: state, history and ledger."""
+    one, many = found(name, 1), found(name, 2)
+    assert many["partitions"] >= 2
+    assert one["pushed"].max() >= 10
+    for key in ("contact_bodies", "pushed", "fragment", "retired"):
+        np.testing.assert_array_equal(many[key], one[key])
+    energies = max(np.abs(one[key]).max() for key in ("kinetic", "external_work"))
+    for key in ("kinetic", "elastic", "dissipated_friction", "dissipated_impact"):
+        assert np.abs(one[key] - many[key]).max() <= 1e-8 * energies, key
+    assert np.abs(many["closure"]).max() <= 1e-12 * energies
+    size = np.sqrt(2.0 * one["kinetic"][0])
+    assert np.abs(many["momentum"] - many["start"]).max() <= 1e-12 * size
+    solids = ("solids",) if "pelted" in name else ()
+    for key in ("force", "displacement", "velocity", "damage", "jump", "pieces", *solids):
+        scale = np.abs(one[key]).max(initial=0.0)
+        assert np.abs(one[key] - many[key]).max(initial=0.0) <= 1e-8 * scale, key
+
+
+@pytest.mark.ranks
+def test_ranks_share_the_contacts_of_a_pile(found):
+    """The lower half of the blocks has all contacts for long, and was one rank's."""
+    stays, moves = found("pile_that_stays", 2), found("pile", 2)
+    assert stays["divided"][-1] == 0 and 1 <= moves["divided"][-1] <= 4
+    first = np.argmax(moves["divided"] > 0)
+    np.testing.assert_array_equal(moves["rows"][:first], stays["rows"][:first])
+    print(stays["cost"][first:].mean(), moves["cost"][first:].mean())
+    print(stays["uneven"].mean(), moves["uneven"].mean())
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """A whole run on two ranks and on one; one on two that is stopped goes on."""
+    base = tmp_path_factory.mktemp("rebalanced")
+
+    def run(*asked: str) -> list[int]:
+        done = on_ranks(2, "ranks/rebalanced.py", base, *asked)
+        assert done.returncode == 0, done.stdout
+        return [int(step) for step in re.findall(r"divided anew in step (\d+)", done.stdout)]
+
+    divided = run("two=22"), run("stopped=15")
+    shutil.copytree(base / "stopped", base / "on")
+    rebalanced.record(f"{base}/one", 22, restart=False)
+    return base, *divided, run("on=22", "restart")
+
+
+def series(path):
+    """Fields of a series at all times."""
+    with meshio.xdmf.TimeSeriesReader(path) as reader:
+        reader.read_points_cells()
+        return [reader.read_data(k) for k in range(reader.num_steps)]
+
+
+@pytest.mark.ranks
+def test_a_run_goes_on_to_the_bit(folders):
+    base, whole, stopped, rest = folders
+    print(whole, stopped, rest)
+    assert stopped and rest and whole == stopped + rest
+    histories = [(base / f / "history.csv").read_bytes() for f in ("two", "on")]
+    assert histories[0] == histories[1]
+
+
+@pytest.mark.ranks
+@pytest.mark.parametrize("file", ["bulk.xdmf", "interfaces.xdmf"])
+def test_fields_are_those_of_one_rank(folders, file):
+    one, two = (series(folders[0] / run / file) for run in ("one", "two"))
+    assert len(one) == len(two) > 4
+    for a, b in zip(one, two, strict=True):
+        assert a[0] == b[0]
+        for of_one, of_two in zip(a[1:], b[1:], strict=True):
+            assert set(of_one) == set(of_two)
+            for name, values in of_one.items():
+                x, y = np.asarray(values), np.asarray(of_two[name])
+                assert np.abs(x - y).max() <= 1e-8 * max(np.abs(x).max(), 1e-6), name
+
+
+@pytest.mark.ranks
+def test_fragments_are_those_of_one_rank(folders):
+    one, two = (read_history(folders[0] / run / "history.csv") for run in ("one", "two"))
+    np.testing.assert_array_equal(one["fragments"], two["fragments"])

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Bodies that all ranks divide anew again and again; the first writes what came out."""
+
+import sys
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+from asked_scenes import run_asked
+
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2] / "benchmarks")]
+import moving_load
+import touching_bodies
+
+from xper_fx.output.recorder import Recorder
+from xper_fx.output.run import recorded_steps
+from xper_fx.parallel import rebalancing
+from xper_fx.parallel.launch import run_together
+from xper_fx.simulation.simulation import Simulation
+
+LAST = 22  # step of runs that are recorded
+# Bodies are partitioned at each look; where that pays, a step having no work but what is counted.
+AT_EACH_LOOK = {"_LOOKS_EVERY": 4, "_PRICE": -1.0, "_STEP": 0, "_WORTH": -np.inf}
+AS_IT_PAYS = {"_STEP": 0, "_PRICE": 10.0}
+# Twice in the run, before and after it is stopped.
+TWICE = {"_LOOKS_EVERY": 3, "_PRICE": 2.0, "_STEP": 0, "_WORTH": -np.inf}
+
+
+def run(name: str) -> dict[str, np.ndarray]:
+    """A scene of `touching_bodies`, and how often its bodies were partitioned; or the pile."""
+    if name in ("pile", "pile_that_stays"):
+        settings = AS_IT_PAYS if name == "pile" else {"_STEP": 0, "_PRICE": np.inf}
+        with patch.multiple(rebalancing, **settings):
+            return moving_load.run("pile", 6, 1, 240, 240)
+    partition = rebalancing.partition_bodies
+    with (
+        patch.multiple(rebalancing, **AT_EACH_LOOK),
+        patch.object(rebalancing, "partition_bodies", wraps=partition) as calls,
+    ):
+        return touching_bodies.run(name) | {"partitions": calls.call_count}
+
+
+def record(folder: str, last: int, restart: bool) -> None:
+    """Run plates that break up to a step, or go on to it."""
+    scene, options, _ = touching_bodies.explicit_shards()
+    with patch.multiple(rebalancing, **TWICE):
+        simulation = Simulation(scene, **options)
+        end = LAST * simulation.step_size
+        recorder = Recorder(
+            simulation, folder, end_time=end, fields=6, fragments=True, restart=restart
+        )
+        parts = [simulation.part]
+        for record, _ in recorded_steps(recorder, last * simulation.step_size, "run", quiet=True):
+            if simulation.part is not parts[-1]:
+                parts.append(simulation.part)
+                print("divided anew in step", record.step)
+
+
+if __name__ == "__main__":
+    run_together(lambda: run_asked(run, record))
