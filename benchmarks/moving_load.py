@@ -4,7 +4,7 @@
     mpirun -n 2 python3 benchmarks/moving_load.py [pile | swarms] [--blocks 16] [--stay]
 
 - *pile*: rows of blocks, apart from each other, fall on a wall and pile up, the lowest first;
-- *swarms*: the rows of two swarms of blocks fly in between each other.
+- *swarms*: the rows of two swarms of blocks slip in between each other and rub, without friction.
 
 Printed are, of some steps, contacts and those of the rank that has most over the mean, contacts
 between bodies of two ranks, nodes of other ranks that a rank knows, and the cost of the partition
@@ -28,7 +28,6 @@ from xper_fx.simulation.slot_bodies import body_of_slot
 from xper_fx.support.compat import geometry_dofmap
 
 GAP, SPEED, STEP = 0.02, 1.0, 4e-3
-RUB = xf.laws.SignoriniCoulomb(friction=0.3)
 FLOOR = xf.rigid.wall((0.0, 0.0), (0.0, 1.0), "floor")
 
 
@@ -47,7 +46,7 @@ def pile(size: int, cells: int) -> xf.Scene:
     row, column = np.divmod(bodies.labels, size)
     aside = np.random.default_rng(1).uniform(-0.04, 0.04, len(row))
     move(bodies, 0.1 * column + aside, GAP + 0.5 * row)
-    return scene_of(bodies, lambda x: np.stack([0.0 * x[0], -SPEED + 0.0 * x[0]]), [FLOOR])
+    return scene_of(bodies, lambda x: np.stack([0.0 * x[0], -SPEED + 0.0 * x[0]]), 0.3, [FLOOR])
 
 
 def swarms(size: int, cells: int) -> xf.Scene:
@@ -55,13 +54,13 @@ def swarms(size: int, cells: int) -> xf.Scene:
     bodies, pitch = blocks(size, cells), 1.0 + GAP
     row, column = np.divmod(bodies.labels, size)
     move(bodies, GAP * column + size * pitch * (row % 2), GAP * row)
-    upwards = np.random.default_rng(1).uniform(-0.05, 0.05, (size, 2 * size)) * SPEED
+    upwards = np.random.default_rng(1).uniform(-0.01, 0.01, (size, 2 * size)) * SPEED
 
     def velocity(x):
         row, column = (np.floor(x[axis] / pitch).astype(int) for axis in (1, 0))
         return np.stack([SPEED * (1.0 - 2.0 * (row % 2)), upwards[row, column]])
 
-    return scene_of(bodies, velocity, [])
+    return scene_of(bodies, velocity, 0.0, [])
 
 
 def move(bodies: xf.Bodies, x: np.ndarray, y: np.ndarray) -> None:
@@ -72,12 +71,13 @@ def move(bodies: xf.Bodies, x: np.ndarray, y: np.ndarray) -> None:
     geometry.x[:, :2] += shift[body]
 
 
-def scene_of(bodies: xf.Bodies, velocity, rigid: list) -> xf.Scene:
+def scene_of(bodies: xf.Bodies, velocity, friction: float, rigid: list) -> xf.Scene:
     """Blocks that rub each other and whatever there is besides."""
+    rub = xf.laws.SignoriniCoulomb(friction=friction)
     names = ["blocks", *(body.group for body in rigid)]
     return xf.Scene(
         bodies, {1: xf.materials.LinearElastic(1000.0, 0.3, 1.0)}, interactions={(1, 1): None},
-        surfaces={"blocks": (1,)}, contacts=[xf.Contact(("blocks", name), RUB) for name in names],
+        surfaces={"blocks": (1,)}, contacts=[xf.Contact(("blocks", name), rub) for name in names],
         rigid=rigid, initial_velocity=velocity,
     )  # fmt: skip
 

@@ -19,18 +19,18 @@ from xper_fx.parallel.launch import run_together
 from xper_fx.simulation.simulation import Simulation
 
 LAST = 22  # step of runs that are recorded
-# Bodies are partitioned at each look; where that pays, a step having no work but what is counted.
-AT_EACH_LOOK = {"_LOOKS_EVERY": 4, "_PRICE": -1.0, "_STEP": 0, "_WORTH": -np.inf}
-AS_IT_PAYS = {"_STEP": 0, "_PRICE": 10.0}
-# Twice in the run, before and after it is stopped.
-TWICE = {"_LOOKS_EVERY": 3, "_PRICE": 2.0, "_STEP": 0, "_WORTH": -np.inf}
+# A step has no work but what is counted; bodies are partitioned at each look.
+SMALL = {"_STEP": 0, "_PHASE": 0}
+AT_EACH_LOOK = SMALL | {"_LOOKS_EVERY": 4, "_PRICE": -1.0, "_WORTH": -np.inf}
+PRICES = {"pile": 10.0, "pile_that_stays": np.inf}
+# In steps 7 and 13.
+TWICE = AT_EACH_LOOK | {"_LOOKS_EVERY": 3, "_PRICE": 0.3}
 
 
 def run(name: str) -> dict[str, np.ndarray]:
     """A scene of `touching_bodies`, and how often its bodies were partitioned; or the pile."""
-    if name in ("pile", "pile_that_stays"):
-        settings = AS_IT_PAYS if name == "pile" else {"_STEP": 0, "_PRICE": np.inf}
-        with patch.multiple(rebalancing, **settings):
+    if name in PRICES:
+        with patch.multiple(rebalancing, **SMALL, _PRICE=PRICES[name]):
             return moving_load.run("pile", 6, 1, 240, 240)
     partition = rebalancing.partition_bodies
     with (
@@ -49,11 +49,11 @@ def record(folder: str, last: int, restart: bool) -> None:
         recorder = Recorder(
             simulation, folder, end_time=end, fields=6, fragments=True, restart=restart
         )
-        parts = [simulation.part]
-        for record, _ in recorded_steps(recorder, last * simulation.step_size, "run", quiet=True):
-            if simulation.part is not parts[-1]:
-                parts.append(simulation.part)
-                print("divided anew in step", record.step)
+        part = simulation.part
+        for step, _ in recorded_steps(recorder, last * simulation.step_size, "run", quiet=True):
+            if simulation.part is not part:
+                part = simulation.part
+                print("divided anew in step", step.step)
 
 
 if __name__ == "__main__":

@@ -53,17 +53,20 @@ def partition_bodies(
     return none_empty(rank_of_body, num_ranks)
 
 
-def cost_of_partition(sides: np.ndarray, weights: np.ndarray, own: np.ndarray) -> float:
+def cost_of_partition(
+    sides: np.ndarray, weights: np.ndarray, own: np.ndarray, phase_work: float = 0.0
+) -> float:
     """What a partition costs over what it would if the work could be divided evenly.
 
     Cuts are swept two ranks at a time where they are of one phase (`ownership.Meetings`):
 
-        cost = (max_r work_r + sum over phases of max cut_ab) / mean
+        cost = (max_r work_r + sum over phases of (max cut_ab + phase_work)) / mean
 
     Args:
         sides: shape (n, 2), ranks of the bodies of what is between two.
         weights: shape (n,), its work.
         own: shape (num_ranks,), the rest of the work of each rank.
+        phase_work: of a phase, whatever is swept in it.
     """
     size = len(own)
     alone = sides[:, 0] == sides[:, 1]
@@ -71,7 +74,7 @@ def cost_of_partition(sides: np.ndarray, weights: np.ndarray, own: np.ndarray) -
     met, pair = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
     cut, meetings = np.bincount(pair.ravel(), weights), Meetings(size).with_pairs(met)
     phase = meetings.of(*met.T)
-    work += sum(cut[phase == p].max() for p in range(1, meetings.num_phases + 1))
+    work += sum(cut[phase == p].max() + phase_work for p in range(1, meetings.num_phases + 1))
     return float(size * work / (own.sum() + weights.sum()))
 
 
