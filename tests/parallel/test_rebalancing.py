@@ -49,7 +49,7 @@ def look(balance, contacts=LEFT):
 
 
 def test_the_cost_is_that_of_the_rank_that_has_most(monkeypatch):
-    """30 cells a rank; points: 2 x 2 on either and 2 between both; 4 contacts on the left; one phase."""
+    """30 cells a rank; points, 2 x 2 on either and 2 between both; 4 contacts; one phase."""
     monkeypatch.setattr(rebalancing, "_STEP", 100)
     monkeypatch.setattr(rebalancing, "_PHASE", 7)
     balance = row_of_bodies()
@@ -75,9 +75,7 @@ def test_bodies_are_divided_once_as_much_is_lost_as_that_takes(monkeypatch):
     assert other.tolist() == saved["rank_of_body"].tolist()
     assert set(other[:6]) == {0, 1} and other[7] == 1  # what is held is on every rank
     assert len(set(other[[0, 1, 2]])) == 2  # contacts are shared
-    then = Rebalancing(
-        FirstOfTwo(), other, np.full(6, 10), np.array([True, False]), np.arange(2)
-    )
+    then = Rebalancing(FirstOfTwo(), other, np.full(6, 10), np.array([True, False]), np.arange(2))
     then.restore(saved)
     assert then.other(saved) is None and not then.is_pending
     look(then)

@@ -6,11 +6,11 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
+import touching_bodies
 from asked_scenes import run_asked
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2] / "benchmarks")]
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 import moving_load
-import touching_bodies
 
 from xper_fx.output.recorder import Recorder
 from xper_fx.output.run import recorded_steps

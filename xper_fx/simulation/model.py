@@ -92,8 +92,7 @@ class Model:
         interactions: all points, None if the scene has none.
         healing: of the overlaps of rigid bodies, None where they are left.
         bond_turns: by how much bonds have turned that should not; None where they may.
-        slot_nodes: nodes, among the unknowns, in the order of the points' slots, before those of
-            rigid bodies.
+        slot_nodes: nodes, among the unknowns, in the order of slots, before those of rigid bodies.
         ledger: energies.
         control: of step and tolerances, None without an accuracy.
 
@@ -110,10 +109,9 @@ class Model:
         rank_of_body: np.ndarray | None = None,
     ):
         self.scene, self.options, self.stopwatch = scene, options, stopwatch
-        first = rank_of_body is None
-        tells = first and team.rank == 0
-        if first:
+        if first := rank_of_body is None:
             _check(scene, options, team)
+        tells = first and team.rank == 0
         self.ranks, self.part, self.division, self.rigid_share, self.balance = decomposed(
             scene, options, team, stopwatch, rank_of_body
         )
