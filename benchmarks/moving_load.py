@@ -106,8 +106,8 @@ def run(name: str, size: int, cells: int, steps: int, every: int) -> dict[str, n
     """Run a scene and print the counts of some steps.
 
     Returns:
-        Cost and unevenness of contacts after each step, how often bodies have been divided anew,
-        and energies.
+        After each step in which there were contacts, cost, unevenness of contacts, and how often
+        bodies had been divided anew.
     """
     scene = SCENES[name](size, cells)
     simulation = xf.Simulation(scene, STEP, scheme="implicit", solver="nlgs", num_threads=1)
@@ -118,18 +118,18 @@ def run(name: str, size: int, cells: int, steps: int, every: int) -> dict[str, n
         part, balance = simulation.part, simulation.model.balance
         contacts, uneven, cut, ghosts = counts(simulation)
         cost = 1.0 if balance is None else balance.cost
-        rows.append((cost, contacts, uneven, divided, *record.energies.values()))
+        if contacts:
+            rows.append((cost, uneven, divided))
         if record.step % every == 0:
             print(f"{record.step} {contacts} {uneven:.2f} {cut} {ghosts:.0f} {cost:.2f} {divided}")
     spent = simulation.ranks.sum(time.process_time() - began)
     share = simulation.stopwatch.seconds.get("balance of ranks", 0.0)
-    cost, contacts, uneven, often, *_ = np.array(rows).T
-    touching = contacts > 0
+    cost, uneven, often = np.array(rows).T
     print(
-        f"mean cost {cost.mean():.3f}, contacts {uneven[touching].mean():.2f} of the mean, divided "
+        f"mean cost {cost.mean():.3f}, contacts {uneven.mean():.2f} of the mean, divided "
         f"{divided} times; {spent:.1f} s, looks and divisions {simulation.ranks.sum(share):.1f} s"
     )
-    return {"cost": cost, "uneven": uneven[touching], "divided": often, "rows": np.array(rows)}
+    return {"cost": cost, "uneven": uneven, "divided": often}
 
 
 def main() -> None:

@@ -18,20 +18,19 @@ from xper_fx.parallel import rebalancing
 from xper_fx.parallel.launch import run_together
 from xper_fx.simulation.simulation import Simulation
 
-LAST = 22  # step of runs that are recorded
+LAST = 16  # step of runs that are recorded
 # A step has no work but what is counted; bodies are partitioned at each look.
 SMALL = {"_STEP": 0, "_PHASE": 0}
 AT_EACH_LOOK = SMALL | {"_LOOKS_EVERY": 4, "_PRICE": -1.0, "_WORTH": -np.inf}
-PRICES = {"pile": 10.0, "pile_that_stays": np.inf}
 # In steps 7 and 13.
 TWICE = AT_EACH_LOOK | {"_LOOKS_EVERY": 3, "_PRICE": 0.3}
 
 
 def run(name: str) -> dict[str, np.ndarray]:
     """A scene of `touching_bodies`, and how often its bodies were partitioned; or the pile."""
-    if name in PRICES:
-        with patch.multiple(rebalancing, **SMALL, _PRICE=PRICES[name]):
-            return moving_load.run("pile", 6, 1, 240, 240)
+    if name == "pile":
+        with patch.multiple(rebalancing, **SMALL, _PRICE=10.0):
+            return moving_load.run("pile", 6, 1, 160, 160)
     partition = rebalancing.partition_bodies
     with (
         patch.multiple(rebalancing, **AT_EACH_LOOK),

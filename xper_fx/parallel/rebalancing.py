@@ -16,7 +16,7 @@ less than `_WORTH` is not taken, and its cost is what can be reached.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -70,26 +70,25 @@ class Rebalancing:
         """Whether the partition is to be looked at after a step."""
         return step % _LOOKS_EVERY == 0
 
-    def look(
-        self, points: np.ndarray, contacts: np.ndarray, near: Callable[[], np.ndarray]
-    ) -> None:
+    def look(self, points: np.ndarray, contacts: np.ndarray, near: np.ndarray) -> None:
         """Look at the partition; all ranks call it together.
 
         Args:
             points: shape (n, 2), bodies of the points that last, of all ranks.
             contacts: shape (m, 2), those of this rank's contacts.
-            near: gives bodies that may touch soon, in the lists of this rank, shape (k, 2).
+            near: shape (k, 2), bodies that may touch soon, in the lists of this rank. Their ranks
+                have to meet.
         """
-        contacts = np.concatenate(self._ranks.comm.allgather(contacts))
-        pairs = np.concatenate([points, contacts])
-        weights = np.repeat([_POINT, _CONTACT], [len(points), len(contacts)])
+        told = zip(*self._ranks.comm.allgather((contacts, near)), strict=True)
+        contacts, near = map(np.concatenate, told)
+        pairs = np.concatenate([points, contacts, near])
+        weights = np.repeat([_POINT, _CONTACT, 0], [len(points), len(contacts), len(near)])
         self.cost = cost = self._cost(self._rank_of_body, pairs, weights)
         self._reached = min(self._reached, cost)
         self._lost += _LOOKS_EVERY * (cost - self._reached)
         if self._lost <= _PRICE:
             return
-        listed = np.concatenate(self._ranks.comm.allgather(near()))
-        new = self._partition(pairs, weights, listed) if self._ranks.rank == 0 else None
+        new = self._partition(pairs, weights) if self._ranks.rank == 0 else None
         new = self._ranks.comm.bcast(new)
         reached = self._cost(new, pairs, weights)
         self.is_pending = better = reached < cost - _WORTH
@@ -125,17 +124,16 @@ class Rebalancing:
         own = np.bincount(rank_of_body[: len(self._cells)], self._cells, self._ranks.size)
         return cost_of_partition(sides, weights, _STEP + own, _PHASE)
 
-    def _partition(self, pairs: np.ndarray, weights: np.ndarray, listed: np.ndarray) -> np.ndarray:
+    def _partition(self, pairs: np.ndarray, weights: np.ndarray) -> np.ndarray:
         vertex, first = self._vertex, len(self._cells)
         work = np.zeros(vertex.max() + 1, np.int64)
         work[:first] = 2 * self._cells
         there = vertex[pairs] >= 0
         np.add.at(work, vertex[pairs][there], np.repeat(weights[:, None], 2, axis=1)[there])
-        edges = np.concatenate([pairs, listed])
-        exchanged = np.concatenate([weights, np.ones(len(listed), int)])
-        both = (vertex[edges] >= 0).all(axis=1)
+        both = (vertex[pairs] >= 0).all(axis=1)
+        exchanged = np.maximum(weights[both], 1)
         of_vertex = partition_bodies(
-            np.maximum(work, 1), vertex[edges[both]], exchanged[both], self._ranks.size
+            np.maximum(work, 1), vertex[pairs[both]], exchanged, self._ranks.size
         )
         none_empty(of_vertex[:first], self._ranks.size)
         new = self._rank_of_body.copy()

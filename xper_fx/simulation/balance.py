@@ -29,4 +29,4 @@ def look_at_balance(simulation: Readings, step: int) -> None:
         gone = np.zeros(len(points), bool)
         retired = np.repeat(lips.retired, each)
         gone[: len(retired)] = retired
-        model.balance.look(points[~gone], contacts, lips.search.lists.pairs_of_bodies)
+        model.balance.look(points[~gone], contacts, lips.search.lists.pairs_of_bodies())
