@@ -82,8 +82,8 @@ class AnyHalo(Protocol):
         """Number of each permanent point in the scene's order, shape (num_points,)."""
 
     @property
-    def phases(self) -> Sequence[GhostExchange]:
-        """Exchange with one rank, phase after phase from the first."""
+    def turns(self) -> Sequence[GhostExchange]:
+        """Exchanges after the phases of a sweep, from 0 on; none where nothing is cut."""
 
     @property
     def nbytes(self) -> int:
@@ -103,7 +103,7 @@ class AnyHalo(Protocol):
         """Values at all points from those at this rank's, in the scene's order, on every rank."""
 
     def phase_of(self, points: InteractionPoints) -> np.ndarray:
-        """Phase of contacts found, 0 where both bodies are this rank's, shape (num_points,)."""
+        """Phase of contacts found, 0 where all bodies are this rank's, shape (num_points,)."""
 
 
 class PointHalo(AnyHalo, Protocol):
