@@ -29,6 +29,9 @@ class Reductions(Protocol):
     def max(self, value: Any) -> Any:
         """Largest of numbers, or of arrays of one shape entry by entry."""
 
+    def sum_and_max(self, added: Any, compared: Any) -> Any:
+        """Sum of the first and largest of the second, which wait for other ranks once."""
+
     def all(self, condition: Any) -> bool:
         """Whether something holds on all ranks."""
 

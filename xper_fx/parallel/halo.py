@@ -202,9 +202,7 @@ class Halo:
         self._visits = visits._replace(unit=visits.unit % _MOST)
         self._take_turns(self._visits)
 
-    def divide_pairs(
-        self, pairs: np.ndarray, homes: np.ndarray, unit_of_slot: np.ndarray
-    ) -> None:
+    def divide_pairs(self, pairs: np.ndarray, homes: np.ndarray, unit_of_slot: np.ndarray) -> None:
         """Give contacts of pairs of bodies phases after those of permanent points.
 
         All ranks call it together. Phases hang on nothing but the pairs, so that a run that goes on

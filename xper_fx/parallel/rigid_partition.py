@@ -9,8 +9,8 @@ which sweeps over them.
 Bodies are partitioned as a graph whose edges are the pairs of the list. A pair weighs what its
 search costs, and `_CONTACT` more for each contact found last; a body weighs what its pairs do. The
 partition is looked at anew whenever the list has been made anew. With work_r what rank r does on
-its own, cut_r what it has at cuts, which it sweeps in phases of their own (`turns.py`), and the mean
-of all work over the ranks, a sweep takes
+its own, cut_r what it has at cuts, which it sweeps in phases of their own (`turns.py`), and the
+mean of all work over the ranks, a sweep takes
 
     cost = (max_r work_r + max_r cut_r) / mean
 

@@ -115,7 +115,7 @@ class SpreadDivision:
         return np.concatenate([known.tables.node, MOST + np.arange(2 * len(self._moves))])
 
     def _renew(self, interactions: Interactions, known: KnownBodies) -> None:
-        ranks, me = self._ranks, self._ranks.rank
+        me = self._ranks.rank
         bodies, sides = self._pairs[:, :2], self._pairs[:, 2:]
         owner = owners_of_pairs(sides)
         own_slots, names = self._slots(known), self._names(known)

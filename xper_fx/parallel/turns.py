@@ -136,7 +136,9 @@ def divide_in_phases(
     holder = np.repeat(np.arange(ranks.size), [len(names) for names in heard])
     disputed = _disputed(np.concatenate(heard)[:, None], holder)
     answers = ranks.comm.alltoall([np.isin(names, disputed) for names in heard])
-    disputed = np.concatenate([named[rows, 1][is_] for rows, is_ in zip(told, answers, strict=True)])
+    disputed = np.concatenate(
+        [named[rows, 1][which] for rows, which in zip(told, answers, strict=True)]
+    )
     rows = np.flatnonzero(np.isin(units, disputed).any(axis=1))
     told_all = ranks.comm.allgather(units[rows])
     owner = np.repeat(np.arange(ranks.size), [len(part) for part in told_all])
