@@ -3,8 +3,10 @@
 
     ./fenicsx python3 benchmarks/rank_scaling.py [--cells 160] [--model 64 256 1024]
 
-Each number of ranks is a process group of its own (`mpirun -n N`), one thread a rank:
+Each number of ranks is a process group of its own (`mpirun -n N`), one thread a rank but for the
+second line:
 
+- *two threads*: one rank;
 - *apart*: as many runs on one rank, side by side: what cores that share a memory leave of each
   other's time, without any message;
 - *strong*: the plate stays, ranks share it;
@@ -114,12 +116,13 @@ def cost_of_messages(ranks: Ranks, count: int) -> float:
     return cost_of_call(ranks, exchange)
 
 
-def measure(cells: int, scheme: str) -> dict:
-    """Steps of the plate on all ranks that were started."""
+def measure(cells: int, scheme: str, threads: int) -> dict:
+    """Steps of the plate on all ranks that were started, so many threads each."""
     clock = Clock()
     simulation = Simulation(
         notched_plate(cells, "weak", homogeneous=True), scheme=scheme, tolerance=1e-3,
-        solver="auto" if scheme == "explicit" else "nlgs", num_threads=1,
+        solver="auto" if scheme == "explicit" else "nlgs",
+        num_threads=threads,
     )  # fmt: skip
     step, ranks = simulation.step_size, simulation.ranks
     for _ in simulation.steps(WARM * step):
@@ -154,10 +157,11 @@ def measure(cells: int, scheme: str) -> dict:
     return found
 
 
-def start(count: int, cells: int, scheme: str) -> subprocess.Popen:
+def start(count: int, cells: int, scheme: str, threads: int = 1) -> subprocess.Popen:
     """`measure` in a process group of its own."""
-    command = ["mpirun", "--oversubscribe", "-n", str(count), sys.executable, __file__]
-    command += ["--worker", "--cells", str(cells), "--scheme", scheme]
+    command = ["mpirun", "--oversubscribe", "--bind-to", "none" if threads > 1 else "core"]
+    command += ["-n", str(count), sys.executable, __file__]
+    command += ["--worker", str(threads), "--cells", str(cells), "--scheme", scheme]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
 
 
@@ -244,10 +248,10 @@ def main() -> None:
     parser.add_argument(
         "--model", type=int, nargs="+", default=[64, 256], help="numbers of ranks of the model"
     )
-    parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--worker", type=int, metavar="THREADS", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.worker:
-        found = measure(options.cells, options.scheme)
+        found = measure(options.cells, options.scheme, options.worker)
         if MPI.COMM_WORLD.rank == 0:
             print(json.dumps(found), flush=True)
         return
@@ -256,6 +260,7 @@ def main() -> None:
               f"{'exchanges':>9} {'sums':>6} {'kB a step':>9} {'sweeps':>7}")  # fmt: skip
         one = told(start(1, options.cells, scheme))
         row("one", one, one, 1.0)
+        row("two threads", told(start(1, options.cells, scheme, 2)), one, 0.5)
         beside = [told(p) for p in [start(1, options.cells, scheme) for _ in range(2)]]
         row("two apart", max(beside, key=lambda found: found["step"]), one, 1.0)
         strong = {count: told(start(count, options.cells, scheme)) for count in options.ranks}
