@@ -52,9 +52,9 @@ def look(balance, contacts=LEFT):
 
 
 def test_the_cost_is_that_of_the_rank_that_has_most(monkeypatch):
-    """30 cells a rank; points, 2 x 2 on either and 2 between both; 4 contacts; one phase."""
+    """30 cells a rank; points, 2 x 2 on either and 2 between both; 4 contacts; exchanges."""
     monkeypatch.setattr(rebalancing, "_STEP", 100)
-    monkeypatch.setattr(rebalancing, "_PHASE", 7)
+    monkeypatch.setattr(rebalancing, "_EXCHANGES", 7)
     balance = row_of_bodies()
     assert balance.cost == 1.0
     look(balance)
@@ -63,7 +63,7 @@ def test_the_cost_is_that_of_the_rank_that_has_most(monkeypatch):
 
 def test_bodies_are_divided_once_as_much_is_lost_as_that_takes(monkeypatch):
     monkeypatch.setattr(rebalancing, "_STEP", 0)
-    monkeypatch.setattr(rebalancing, "_PHASE", 0)
+    monkeypatch.setattr(rebalancing, "_EXCHANGES", 0)
     balance = row_of_bodies()
     look(balance, LEFT[:0])  # what can be reached is seen while nothing touches
     even = balance.cost
@@ -90,7 +90,7 @@ def test_bodies_are_divided_once_as_much_is_lost_as_that_takes(monkeypatch):
 
 def test_what_was_lost_before_a_checkpoint_counts(monkeypatch):
     monkeypatch.setattr(rebalancing, "_STEP", 0)
-    monkeypatch.setattr(rebalancing, "_PHASE", 0)
+    monkeypatch.setattr(rebalancing, "_EXCHANGES", 0)
     first, second = row_of_bodies(), row_of_bodies()
     look(first, LEFT[:0])
     while not first.is_pending:
@@ -104,7 +104,7 @@ def test_what_was_lost_before_a_checkpoint_counts(monkeypatch):
 def test_bodies_stay_where_too_little_is_gained(monkeypatch):
     """What is tried is then not tried again."""
     monkeypatch.setattr(rebalancing, "_STEP", 0)
-    monkeypatch.setattr(rebalancing, "_PHASE", 0)
+    monkeypatch.setattr(rebalancing, "_EXCHANGES", 0)
     monkeypatch.setattr(rebalancing, "_WORTH", 10.0)
     balance, tried = row_of_bodies(), []
     partition = rebalancing.partition_bodies

@@ -20,7 +20,7 @@ from xper_fx.simulation.simulation import Simulation
 
 LAST = 16  # step of runs that are recorded
 # A step has no work but what is counted; bodies are partitioned at each look.
-SMALL = {"_STEP": 0, "_PHASE": 0}
+SMALL = {"_STEP": 0, "_EXCHANGES": 0}
 AT_EACH_LOOK = SMALL | {"_LOOKS_EVERY": 4, "_PRICE": -1.0, "_WORTH": -np.inf}
 # In steps 7 and 13.
 TWICE = AT_EACH_LOOK | {"_LOOKS_EVERY": 3, "_PRICE": 0.3}

@@ -16,7 +16,7 @@ import dolfinx.cpp
 import numpy as np
 from scipy.sparse import coo_array
 
-from xper_fx.parallel.ownership import Meetings
+from xper_fx.parallel.ownership import owners_of_pairs
 
 # Of SCOTCH's strategies the one for small cuts, and the share by which parts may differ.
 _QUALITY, _IMBALANCE = 1, 0.02
@@ -54,27 +54,25 @@ def partition_bodies(
 
 
 def cost_of_partition(
-    sides: np.ndarray, weights: np.ndarray, own: np.ndarray, phase_work: float = 0.0
+    sides: np.ndarray, weights: np.ndarray, own: np.ndarray, exchanges: float = 0.0
 ) -> float:
     """What a partition costs over what it would if the work could be divided evenly.
 
-    Cuts are swept two ranks at a time where they are of one phase (`ownership.Meetings`):
+    With work_r what rank r does on its own, and cut_r what it has at cuts, which it sweeps in
+    phases of their own (`turns.py`):
 
-        cost = (max_r work_r + sum over phases of (max cut_ab + phase_work)) / mean
+        cost = (max_r work_r + max_r cut_r + exchanges) / mean
 
     Args:
         sides: shape (n, 2), ranks of the bodies of what is between two.
         weights: shape (n,), its work.
         own: shape (num_ranks,), the rest of the work of each rank.
-        phase_work: of a phase, whatever is swept in it.
+        exchanges: work of those that cuts ask for, where there are any.
     """
-    size = len(own)
+    size, owner = len(own), owners_of_pairs(sides)
     alone = sides[:, 0] == sides[:, 1]
-    work = (own + np.bincount(sides[alone, 0], weights[alone], size)).max()
-    met, pair = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
-    cut, meetings = np.bincount(pair.ravel(), weights), Meetings(size).with_pairs(met)
-    phase = meetings.of(*met.T)
-    work += sum(cut[phase == p].max() + phase_work for p in range(1, meetings.num_phases + 1))
+    inside, cut = (np.bincount(owner[of], weights[of], size) for of in (alone, ~alone))
+    work = (own + inside).max() + cut.max() + (0.0 if alone.all() else exchanges)
     return float(size * work / (own.sum() + weights.sum()))
 
 

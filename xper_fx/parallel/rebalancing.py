@@ -2,8 +2,8 @@
 """When meshed bodies, and rigid ones beside them, are divided among ranks anew.
 
 Bodies stay where they are until that costs too much. What it costs is counted: a cell, a point on a
-facet and a contact have weights, and so have a step and a phase of its sweeps. So all ranks come to
-the same numbers, and so does a run that is repeated.
+facet and a contact have weights, and so have a step and its exchanges. So all ranks come to the same
+numbers, and so does a run that is repeated.
 
 Every `_LOOKS_EVERY` steps the cost of the partition that there is (`division.cost_of_partition`) is
 compared with the least that was seen since the last partition. What it is above that is added up
@@ -25,9 +25,9 @@ from xper_fx.support.ranks import Ranks
 
 logger = logging.getLogger(__name__)
 
-# Work of a point on a facet and of a contact over that of a cell; what a step has besides, and what
-# it has for each phase in which ranks meet in its sweeps.
-_POINT, _CONTACT, _STEP, _PHASE = 2, 30, 3000, 1000
+# Work of a point on a facet and of a contact over that of a cell; what a step has besides, and
+# what its sweeps exchange where there are cuts.
+_POINT, _CONTACT, _STEP, _EXCHANGES = 2, 30, 3000, 1000
 # Steps after which the partition is looked at, as many as lists of pairs last.
 _LOOKS_EVERY = 20
 # Steps of the time that it takes to divide anew, and the least gain for which it is done.
@@ -122,7 +122,7 @@ class Rebalancing:
         sides = rank_of_body[pairs]
         sides = np.where(self._moves[pairs], sides, sides[:, ::-1])
         own = np.bincount(rank_of_body[: len(self._cells)], self._cells, self._ranks.size)
-        return cost_of_partition(sides, weights, _STEP + own, _PHASE)
+        return cost_of_partition(sides, weights, _STEP + own, _EXCHANGES)
 
     def _partition(self, pairs: np.ndarray, weights: np.ndarray) -> np.ndarray:
         vertex, first = self._vertex, len(self._cells)

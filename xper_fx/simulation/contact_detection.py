@@ -398,8 +398,6 @@ class Detection:
             if self._shared is not None and out["surfaces"]:
                 self._shared.fill_in(out["surfaces"]["x"])
             out |= self.lips.saved()
-        if self._shared is not None:
-            out["shared"] = self._shared.saved()
         return out
 
     def restore(self, saved: Mapping) -> None:
@@ -411,5 +409,3 @@ class Detection:
         if self._surfaces is not None and "surfaces" in saved:
             self.lips.restore(saved)
             self._surfaces.lists.restore(saved["surfaces"])
-        if self._shared is not None and "shared" in saved:
-            self._shared.restore(saved["shared"])

@@ -111,8 +111,7 @@ class Restartable(Readings):
         if model.interactions is not None:
             saved["solvers"] = _solver_memories(self)
         if model.balance is not None and model.balance.is_pending:
-            # they are of the partition that there was
-            del saved["solvers"], saved["detection"]["shared"]
+            del saved["solvers"]  # they are of the partition that there was
         return saved
 
     @property

@@ -117,9 +117,8 @@ class SpreadDetection(Detection):
 
     def saved(self) -> dict:
         """Broken lips and those that have retired; lists are made anew."""
-        return {**self.lips.saved(), "shared": self._shared.saved()}
+        return self.lips.saved()
 
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave, its rows in order."""
         self.lips.restore(saved)
-        self._shared.restore(saved["shared"])
