@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """What ranks gain where bodies are divided among them anew as the load moves, by counts.
 
-    mpirun -n 2 python3 benchmarks/moving_load.py [pile | swarms] [--blocks 16] [--stay]
+    mpirun -n 2 python3 benchmarks/moving_load.py [--blocks 16] [--stay]
 
-- *pile*: rows of blocks, apart from each other, fall on a wall and pile up, the lowest first;
-- *swarms*: the rows of two swarms of blocks slip in between each other and rub, without friction.
-
-Printed are, of some steps, contacts and those of the rank that has most over the mean, contacts
-between bodies of two ranks, nodes of other ranks that a rank knows, and the cost of the partition
+Rows of blocks, apart from each other, fall on a wall and pile up, the lowest first. Printed are, of
+some steps, contacts and those of the rank that has most over the mean, contacts between bodies of
+two ranks, nodes of other ranks that a rank knows, and the cost of the partition
 (`xper_fx.parallel.division.cost_of_partition`); at the end how often bodies were divided, the
-processor time of all ranks, and what the divisions took of it. With `--stay` bodies stay.
+processor time of all ranks, and the seconds of looks and divisions. With `--stay` bodies stay.
 """
 
 from __future__ import annotations
@@ -28,7 +26,6 @@ from xper_fx.simulation.slot_bodies import body_of_slot
 from xper_fx.support.compat import geometry_dofmap
 
 GAP, SPEED, STEP = 0.02, 1.0, 4e-3
-FLOOR = xf.rigid.wall((0.0, 0.0), (0.0, 1.0), "floor")
 
 
 def blocks(size: int, cells: int) -> xf.Bodies:
@@ -41,48 +38,22 @@ def blocks(size: int, cells: int) -> xf.Bodies:
 
 
 def pile(size: int, cells: int) -> xf.Scene:
-    """Rows fall on a wall, each half a block above the one below it."""
+    """Rows of blocks fall on a wall, each half a block above the one below it."""
     bodies = blocks(size, cells)
     row, column = np.divmod(bodies.labels, size)
     aside = np.random.default_rng(1).uniform(-0.04, 0.04, len(row))
-    move(bodies, 0.1 * column + aside, GAP + 0.5 * row)
-    return scene_of(bodies, lambda x: np.stack([0.0 * x[0], -SPEED + 0.0 * x[0]]), 0.3, [FLOOR])
-
-
-def swarms(size: int, cells: int) -> xf.Scene:
-    """Even rows fly to the right, in between odd ones that fly to the left."""
-    bodies, pitch = blocks(size, cells), 1.0 + GAP
-    row, column = np.divmod(bodies.labels, size)
-    move(bodies, GAP * column + size * pitch * (row % 2), GAP * row)
-    upwards = np.random.default_rng(1).uniform(-0.01, 0.01, (size, 2 * size)) * SPEED
-
-    def velocity(x):
-        row, column = (np.floor(x[axis] / pitch).astype(int) for axis in (1, 0))
-        return np.stack([SPEED * (1.0 - 2.0 * (row % 2)), upwards[row, column]])
-
-    return scene_of(bodies, velocity, 0.0, [])
-
-
-def move(bodies: xf.Bodies, x: np.ndarray, y: np.ndarray) -> None:
-    """Move bodies by a shift each."""
     cells, geometry = geometry_dofmap(bodies.mesh), bodies.mesh.geometry
-    shift, body = np.stack([x, y], axis=1), np.zeros(len(geometry.x), int)
+    body = np.zeros(len(geometry.x), int)
     body[cells] = bodies.body_of_cell[:, None]
+    shift = np.stack([0.1 * column + aside, GAP + 0.5 * row], axis=1)
     geometry.x[:, :2] += shift[body]
-
-
-def scene_of(bodies: xf.Bodies, velocity, friction: float, rigid: list) -> xf.Scene:
-    """Blocks that rub each other and whatever there is besides."""
-    rub = xf.laws.SignoriniCoulomb(friction=friction)
-    names = ["blocks", *(body.group for body in rigid)]
+    rub = xf.laws.SignoriniCoulomb(friction=0.3)
     return xf.Scene(
         bodies, {1: xf.materials.LinearElastic(1000.0, 0.3, 1.0)}, interactions={(1, 1): None},
-        surfaces={"blocks": (1,)}, contacts=[xf.Contact(("blocks", name), rub) for name in names],
-        rigid=rigid, initial_velocity=velocity,
+        surfaces={"blocks": (1,)}, rigid=[xf.rigid.wall((0.0, 0.0), (0.0, 1.0), "floor")],
+        contacts=[xf.Contact(("blocks", name), rub) for name in ("blocks", "floor")],
+        initial_velocity=lambda x: np.stack([0.0 * x[0], -SPEED + 0.0 * x[0]]),
     )  # fmt: skip
-
-
-SCENES = {"pile": pile, "swarms": swarms}
 
 
 def counts(simulation: xf.Simulation) -> tuple[float, ...]:
@@ -102,15 +73,16 @@ def counts(simulation: xf.Simulation) -> tuple[float, ...]:
     return sum(contacts), max(contacts) / mean, cut, ghosts
 
 
-def run(name: str, size: int, cells: int, steps: int, every: int) -> dict[str, np.ndarray]:
-    """Run a scene and print the counts of some steps.
+def run(size: int, cells: int, steps: int, every: int) -> dict[str, np.ndarray]:
+    """Run the pile and print the counts of some steps.
 
     Returns:
         After each step in which there were contacts, cost, unevenness of contacts, and how often
         bodies had been divided anew.
     """
-    scene = SCENES[name](size, cells)
-    simulation = xf.Simulation(scene, STEP, scheme="implicit", solver="nlgs", num_threads=1)
+    simulation = xf.Simulation(
+        pile(size, cells), STEP, scheme="implicit", solver="nlgs", num_threads=1
+    )
     print("step contacts max/mean cut ghosts cost divided")
     divided, part, began, rows = 0, simulation.part, time.process_time(), []
     for record in simulation.steps(steps * STEP):
@@ -134,7 +106,6 @@ def run(name: str, size: int, cells: int, steps: int, every: int) -> dict[str, n
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("scene", choices=SCENES, nargs="?", default="pile")
     parser.add_argument("--blocks", type=int, default=16, help="in a row")
     parser.add_argument("--cells", type=int, default=1, help="on a side of a block")
     parser.add_argument("--steps", type=int, default=1500)
@@ -143,7 +114,7 @@ def main() -> None:
     a = parser.parse_args()
     if a.stay:
         rebalancing._PRICE = np.inf
-    run(a.scene, a.blocks, a.cells, a.steps, a.every)
+    run(a.blocks, a.cells, a.steps, a.every)
 
 
 if __name__ == "__main__":

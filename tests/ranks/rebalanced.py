@@ -30,7 +30,7 @@ def run(name: str) -> dict[str, np.ndarray]:
     """A scene of `touching_bodies`, and how often its bodies were partitioned; or the pile."""
     if name == "pile":
         with patch.multiple(rebalancing, **SMALL, _PRICE=10.0):
-            return moving_load.run("pile", 6, 1, 160, 160)
+            return moving_load.run(6, 1, 160, 160)
     partition = rebalancing.partition_bodies
     with (
         patch.multiple(rebalancing, **AT_EACH_LOOK),

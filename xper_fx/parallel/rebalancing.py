@@ -2,8 +2,8 @@
 """When meshed bodies, and rigid ones beside them, are divided among ranks anew.
 
 Bodies stay where they are until that costs too much. What it costs is counted: a cell, a point on a
-facet and a contact have weights, and so have a step and its exchanges. So all ranks come to the same
-numbers, and so does a run that is repeated.
+facet and a contact have weights, and so have a step and its exchanges. So all ranks come to the
+same numbers, and so does a run that is repeated.
 
 Every `_LOOKS_EVERY` steps the cost of the partition that there is (`division.cost_of_partition`) is
 compared with the least that was seen since the last partition. What it is above that is added up
