@@ -173,7 +173,10 @@ class _BentPaths(Solver):
         self._rows_of_bent = [NormalRows(group.points, first, count) for group in self._bent]
         held, read = HeldRows(interactions), self._size(interactions, self._rounding())
         straight = [group.jump[:, 0].copy() for group in self._bent]
-        interactions.add_velocity(velocity)
+        if interactions.fused is None:
+            interactions.add_velocity(velocity)
+        else:  # bonds of whole vertices have no impulses
+            interactions.push_rigid(velocity)
         bend = self._bend(interactions, velocity)
         for _ in range(_ROUNDS):
             for group, jump in zip(self._bent, straight, strict=True):
