@@ -178,7 +178,7 @@ class Model:
     # Bulk
 
     def _bulk(self) -> tuple[Bulk, list[TiedPoints]]:
-        """The bulk, and the points of each tie, those of all ranks."""
+        """The bulk, and the points of each tie on this rank's candidates."""
         scene, inertia = self.scene, self.options.inertia
         ties: list[TiedPoints] = []
         if scene.bodies is None:
