@@ -259,20 +259,6 @@ class Interactions(SteppedPoints):
         first, last = self.bulk_inverse.num_nodes, self.own_inverse.num_nodes
         return slots.reshape(-1, self.dim)[first:last]
 
-    def push_rigid(self, velocity: np.ndarray) -> None:
-        """Add w H r of contacts and joints to the velocities of this rank's rigid bodies.
-
-        All ranks call it together; others move no rigid bodies.
-
-        Args:
-            velocity: shape (num_slots * dim,), m/s.
-        """
-        impulses = self.spread(self.passing)
-        if self.halo is not None:
-            self.halo.everywhere.add_back(impulses.reshape(-1))
-        own = self.own_rigid(impulses).reshape(-1, 2 * self.dim, 1)
-        self.own_rigid(velocity)[:] += (self.rigid_blocks @ own).reshape(-1, self.dim)
-
     def _all_rigid(self, put_together, own: np.ndarray) -> np.ndarray:
         return put_together(own.reshape(-1, 2 * self.dim)).reshape(-1, self.dim)
 

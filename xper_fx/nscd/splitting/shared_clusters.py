@@ -127,7 +127,8 @@ class SharedClusters(TouchingClusters):
         numbers, first = np.unique(numbers, return_index=True)
         first = first[numbers < first_rigid]
         numbers = np.append(numbers[: len(first)], first_rigid + np.arange(2 * len(blocks) + 1))
-        solid, ground = self._interactions.rigid_part(self._velocity), np.zeros((1, mobility.shape[1]))
+        solid = self._interactions.rigid_part(self._velocity)
+        ground = np.zeros((1, self._interactions.dim))
         self._of_clusters = (
             np.concatenate([velocity[first], solid, ground]),
             np.arange(len(numbers), dtype=np.int32),

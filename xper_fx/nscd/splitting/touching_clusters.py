@@ -226,8 +226,8 @@ class TouchingClusters:
             w = np.empty_like(g.compliance)
             _compliances(
                 g.points.nodes, g.points.weights, g.points.frame,
-                *sym_indices(g.kernels.components), root, mobility, self._rigid_w,
-                self._first_rigid, w,
+                sym_indices(g.kernels.components), root, mobility,
+                (self._rigid_w, self._first_rigid), w,
             )  # fmt: skip
             if g.sides.lever_arms:
                 _add_turning(
@@ -289,8 +289,13 @@ def _spinning(slot, rigid_w, first_rigid):
 
 
 @njit(**LEAN_ENTRY)
-def _compliances(nodes, weights, frame, rows, cols, root, mobility, rigid_w, first_rigid, out):
-    """W_cc of contacts, packed symmetric; of rotations with J^-1 of the body."""
+def _compliances(nodes, weights, frame, entries, root, mobility, rigid, out):
+    """W_cc of contacts, packed symmetric; of rotations with J^-1 of the body.
+
+    `entries` are rows and columns of what is packed, `rigid` blocks of rigid bodies and their
+    first slot.
+    """
+    (rows, cols), (rigid_w, first_rigid) = entries, rigid
     k, dim = nodes.shape[2], frame.shape[2]
     for i in range(len(nodes)):
         for entry in range(len(rows)):
