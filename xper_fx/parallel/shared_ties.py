@@ -17,10 +17,9 @@ from xper_fx.support.ranks import Ranks
 class SharedTies(NamedTuple):
     """What is a rank's of some ties."""
 
-    shared: SharedPoints  #: those on facing facets, with the ghosts and phases of all
+    shared: SharedPoints  #: those on facing facets, with the ghosts of all
     ties: list[TiedPoints]  #: on this rank's nodes and on ghosts
     numbers: list[np.ndarray]  #: of these points, among those of all ranks
-    phase: np.ndarray  #: of the points of all ties, as `Halo.phase`
 
 
 def share_ties(
@@ -36,9 +35,6 @@ def share_ties(
     me, nothing = ranks.rank, np.zeros(0, np.int64)
     counts = [int(ranks.sum(len(tie.number))) for tie in ties]
     ties = [handed_over(tie, ranks) for tie in ties]
-    met = np.concatenate([tie.rank[tie.points.nodes[:, :, 0]] for tie in ties])
-    told = ranks.comm.allgather(np.unique(met, axis=0))
-    meetings = shared.meetings.with_pairs(np.concatenate(told))
     of_facets = [nothing, *shared.ghosts.values()]
     step = 1 + max(int(n.max(initial=0)) for n in [*of_facets, *(tie.node for tie in ties)])
     old = np.concatenate([nothing, *(rank * step + n for rank, n in shared.ghosts.items())])
@@ -58,7 +54,6 @@ def share_ties(
         shared._replace(
             points=shared.points.on(moved),
             num_points_of_all=int(first[-1]),
-            meetings=meetings,
             asked={r: given for r, given in enumerate(told) if given is not None},
             ghosts=wanted,
         ),
@@ -67,5 +62,4 @@ def share_ties(
             for tie, key in zip(ties, keys, strict=True)
         ],
         [start + tie.number for start, tie in zip(first, ties, strict=False)],
-        meetings.of(*met.T),
     )
