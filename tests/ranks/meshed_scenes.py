@@ -200,9 +200,9 @@ def uneven():
     """
     loads, start = stretched(1.0)
     bodies = box_bodies((1, 1), (6, 6))
-    strength = Weibull(10.0, 12.0, seed=2)
+    strength, (place, count) = Weibull(10.0, 12.0, seed=2), bodies.facet_places()
     bond = MixedMode(
-        2e4, (strength, 14.0), (np.linspace(0.05, 0.06, len(bodies.facets)), 0.08), 2.0,
+        2e4, (strength, 14.0), (np.linspace(0.05, 0.06, count)[place], 0.08), 2.0,
         friction=lambda x: 0.2 + 0.2 * x[0],
     )  # fmt: skip
     scene = Scene(

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Scenes of meshes that DOLFINx spreads over the ranks; the first writes what came out.
 
-FOLDER, then names of `meshed_scenes`, what to record as NAME=LAST, "held", "balance" or "wrong".
+FOLDER, then names of `meshed_scenes`, what to record as NAME=LAST, "held", "balance", "places" or
+"wrong".
 """
 
 import sys
@@ -17,9 +18,9 @@ from scenes import RIGHT
 
 import xper_fx as xf
 from xper_fx.nscd.laws import CohesiveZone
-from xper_fx.nscd.laws.fields import Uniform
 from xper_fx.output import row_blocks
 from xper_fx.parallel.launch import run_together
+from xper_fx.scene.fingerprint import fingerprint
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.compat import geometry_dofmap
 
@@ -48,7 +49,7 @@ def held(comm: MPI.Comm) -> float:
     """Bytes of all arrays that a simulation reaches on this rank, over those of all bodies here."""
     scenes.COMM = comm
     bodies = scenes.box_bodies((1, 1), (24, 24))
-    bond = CohesiveZone(2e4, 0.05, 10.0)
+    bond = CohesiveZone(2e4, 0.05, xf.fields.Weibull(10.0, 12.0, seed=1))
     scene = xf.Scene(bodies, {1: meshed_scenes.ELASTIC}, default_interaction=bond)
     simulation = Simulation(scene, scheme="explicit")
     return bytes_held(simulation) / simulation.bodies.num_bodies
@@ -90,6 +91,16 @@ def blocks_of_one_rank() -> tuple[int, int]:
     return own_label, cells - mesh_map.size_local
 
 
+def places_of_facets(lengths, cells, kind) -> float:
+    """How far facets are from those of the whole mesh of which they should have the places."""
+    scenes.COMM = MPI.COMM_SELF
+    there = scenes.box_bodies(lengths, cells, kind).facets.midpoint
+    scenes.COMM = WORLD
+    bodies = scenes.box_bodies(lengths, cells, kind)
+    places, count = bodies.facet_places()
+    return np.abs(there[places] - bodies.facets.midpoint).max() + abs(count - len(there))
+
+
 def holed(x: np.ndarray) -> np.ndarray:
     """A field that is not finite at a corner of the unit square, which is on one rank."""
     return np.where(x[0] + x[1] > 1.8, np.nan, 0.0 * x[:2])
@@ -120,9 +131,7 @@ def wrong() -> list[str]:
         lambda: Simulation(
             replace(
                 scene,
-                default_interaction=replace(
-                    meshed_scenes.BOND, strength=Uniform(9.0, 11.0, seed=1)
-                ),
+                default_interaction=replace(meshed_scenes.BOND, strength=np.full(9, 9.0)),
             ),
             **options,
         ),
@@ -158,6 +167,13 @@ def main() -> None:
             found = {"spread": WORLD.gather(spread), "divided": WORLD.gather(divided)}
         elif name == "balance":
             found = {"cells": WORLD.gather(blocks_of_one_rank())}
+        elif name == "places":
+            boxes = ((1.0, 3.0), (5, 4), "crossed"), ((1.0, 1.0, 2.0), (2, 3, 2), "tetrahedron")
+            found = {
+                "distance": WORLD.gather([places_of_facets(*box) for box in boxes]),
+                "described": str(fingerprint(meshed_scenes.uneven()[0], [0.0])),
+            }
+            name = f"places_{WORLD.size}"
         elif name == "wrong":
             found = {"told": WORLD.gather(wrong())}
         else:

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import Mesh, MeshTags, meshtags
 
+from xper_fx.bodies.keepers import Keepers
 from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
 from xper_fx.support.ranks import Ranks
 
@@ -123,17 +124,10 @@ def send(ranks: Ranks, to: npt.NDArray[np.integer], *arrays: np.ndarray) -> list
 def _rank_with_most(ranks: Ranks, label: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
     """Rank that has most cells of the body of each cell."""
     own, place, count = np.unique(label, return_inverse=True, return_counts=True)
-    keeper = own % ranks.size
-    heard = send(ranks, keeper, own, count)
-    labels, counts = (np.concatenate(column) for column in zip(*heard, strict=True))
-    sender = np.repeat(np.arange(ranks.size), [len(asked) for asked, _ in heard])
-    best = np.lexsort((sender, -counts, labels))
-    kept, first = np.unique(labels[best], return_index=True)
-    most = sender[best][first].astype(np.int32)
-    answers = ranks.comm.alltoall([most[np.searchsorted(kept, asked)] for asked, _ in heard])
-    rank = np.empty(len(own), np.int32)
-    rank[np.argsort(keeper, kind="stable")] = np.concatenate(answers)
-    return rank[place.ravel()]
+    keepers = Keepers(ranks, own)
+    # the smallest is that of the most cells, and of the lowest rank that has so many
+    best = keepers.answer(keepers.min(ranks.rank - ranks.size * count))
+    return (best % ranks.size).astype(np.int32)[place.ravel()]
 
 
 def _needed(
