@@ -20,9 +20,7 @@ if TYPE_CHECKING:
     from xper_fx.support.ranks import Ranks
 
 
-def laws_at_points(
-    laws: list[Law], points: ScenePoints, scene: Scene, ranks: Ranks
-) -> list[Law]:
+def laws_at_points(laws: list[Law], points: ScenePoints, scene: Scene, ranks: Ranks) -> list[Law]:
     """The laws with numbers, or arrays over this rank's points, in the place of fields.
 
     Args:
