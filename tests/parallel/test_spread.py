@@ -57,6 +57,7 @@ def test_nothing_is_whole_on_a_rank(folder):
     held, one = np.load(folder / "held.npz"), spread_scenes.held(COMM)
     # a rank knows its own bodies and those next to them; it keeps two meshes of its own
     assert held["spread"].max() <= 1.35 * one
+    assert held["dust"].max() <= 1.3 * spread_scenes.held_by_dust(COMM)
     # of a mesh that is whole on each rank the same count finds the whole
     assert held["divided"].min() > 1.4 * one
 
@@ -91,7 +92,7 @@ def test_what_does_not_fit_is_refused_on_all_ranks(folder):
             "ValueError: Rank 1 of 3 gets none of the bodies",
             r"ValueError: bodies\[0\] is -1",
             "SerialOnlyError: The mesh is spread over 3 processes",
-            "SerialOnlyError: A search of fragments takes a mesh that is whole",
+            "SerialOnlyError: A picture of all bodies takes a mesh that is whole",
             "CheckpointError: .* of another scene: its mesh was whole on each rank, .* is not",
             "CheckpointError: .* of another scene: its mesh was not whole on each rank, .* is",
             "ValueError: .*InitialStress",

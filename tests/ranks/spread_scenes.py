@@ -6,6 +6,7 @@ FOLDER, then names of `meshed_scenes`, what to record as NAME=LAST, "held", "bal
 """
 
 import sys
+import tracemalloc
 from dataclasses import replace
 
 import meshed_scenes
@@ -25,6 +26,11 @@ from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.compat import geometry_dofmap
 
 WORLD = MPI.COMM_WORLD
+# What a table of fragments has for each.
+PIECES = (
+    "bodies", "mass", "volume", "centre", "velocity", "spin", "angular_momentum", "lengths",
+    "translation", "rotation", "vibration", "elastic", "border", "inside",
+)  # fmt: skip
 
 
 def run(name: str) -> dict[str, np.ndarray]:
@@ -38,11 +44,45 @@ def run(name: str) -> dict[str, np.ndarray]:
         if scene.loads:
             history.setdefault("reaction", []).append(simulation.reaction(RIGHT))
     gather = simulation.interactions.gather
-    return {name: np.array(values) for name, values in history.items()} | {
-        "damage": np.sort(gather("damage")),
-        "jump": np.sort(np.linalg.norm(gather("jump"), axis=1)),
-        "area": np.sort(gather("area")),
-    }
+    return (
+        {name: np.array(values) for name, values in history.items()}
+        | pieces(simulation)
+        | {
+            "damage": np.sort(gather("damage")),
+            "jump": np.sort(np.linalg.norm(gather("jump"), axis=1)),
+            "area": np.sort(gather("area")),
+        }
+    )
+
+
+def pieces(simulation: Simulation) -> dict[str, np.ndarray]:
+    """The table of fragments, those of one mass by their places, and how many cells each has."""
+    found, everyone = xf.output.measure_fragments(simulation), scenes.COMM.allgather
+    mass, centre = (np.concatenate(everyone(part)) for part in (found.mass, found.centre))
+    assert np.all(np.diff(mass) < 1e-12 * mass.sum()) and found.count == len(mass)
+    order = np.lexsort((*centre.round(9).T, mass.round(9)))
+    of_body = xf.output.find_fragments(simulation)
+    np.testing.assert_array_equal(of_body, found.fragment)
+    bodies, rank = simulation.scene.bodies, scenes.COMM.rank
+    own = bodies.spread.rank_of_body[bodies.body_of_cell] == rank if bodies.spread else slice(None)
+    of_cell = np.concatenate(everyone(of_body[bodies.body_of_cell][own]))
+    rows = {name: np.concatenate(everyone(getattr(found, name)))[order] for name in PIECES}
+    cells = np.bincount(of_cell, minlength=len(order))[order]
+    return {f"piece_{name}": values for name, values in rows.items()} | {"piece_cells": cells}
+
+
+def held_by_dust(comm: MPI.Comm) -> float:
+    """Bytes at once to measure fragments of a cell each, over the number of bodies here."""
+    scenes.COMM = comm
+    bodies = scenes.box_bodies((1, 1), (24, 24))
+    scene = xf.Scene(bodies, {1: meshed_scenes.ELASTIC}, default_interaction=meshed_scenes.CONTACT)
+    simulation = Simulation(scene, scheme="explicit")
+    tracemalloc.start()
+    found = xf.output.measure_fragments(simulation)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found.count == bodies.counts[0]
+    return peak / simulation.bodies.num_bodies
 
 
 def held(comm: MPI.Comm) -> float:
@@ -140,7 +180,7 @@ def wrong() -> list[str]:
         lambda: xf.explode(mesh, np.zeros(own, int)),
         lambda: xf.explode(mesh, np.full(own, -WORLD.rank)),
         lambda: xf.explode(mesh, lattice=(1.0, 1.0)),
-        lambda: xf.output.find_fragments(Simulation(scene, **options)),
+        lambda: xf.output.take_frame(Simulation(scene, **options), "", ""),
         lambda: Simulation(scene, **options).restore(one_state),
         lambda: Simulation(alone, comm=MPI.COMM_SELF, **options).restore(spread_state),
         lambda: replace(scene, loads=[holed_stress]),
@@ -165,6 +205,7 @@ def main() -> None:
         elif name == "held":
             spread, divided = held(WORLD), held(MPI.COMM_SELF)
             found = {"spread": WORLD.gather(spread), "divided": WORLD.gather(divided)}
+            found["dust"] = WORLD.gather(held_by_dust(WORLD))
         elif name == "balance":
             found = {"cells": WORLD.gather(blocks_of_one_rank())}
         elif name == "places":

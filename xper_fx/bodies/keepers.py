@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from xper_fx.support.ranks import Ranks
 
@@ -104,3 +106,39 @@ def places_in_order(
     count = int(np.count_nonzero(new))
     places = ranks.before(count) - 1 + np.cumsum(new)
     return keepers.answer(places)[inverse.ravel()], int(ranks.sum(count))
+
+
+class JoinedNumbers:
+    """Which numbers pairs join that are divided among ranks; ranks make it and call it together.
+
+    Args:
+        ranks: the ranks.
+        numbers: shape (n,), those that this rank knows, ascending.
+    """
+
+    def __init__(self, ranks: Ranks, numbers: npt.NDArray[np.int64]):
+        self._ranks, self._numbers = ranks, numbers
+        keepers = Keepers(ranks, numbers)
+        self._cut = np.flatnonzero(keepers.answer(keepers.num_ranks) > 1)
+        self._keepers = Keepers(ranks, numbers[self._cut])
+
+    def smallest(self, pairs: np.ndarray) -> npt.NDArray[np.int64]:
+        """The smallest number of all that are joined with each, over all ranks, shape (n,).
+
+        It goes from rank to rank by the numbers that several know, in as many rounds as there are
+        ranks on its way, and one more.
+
+        Args:
+            pairs: shape (m, 2), places of joined numbers among those of this rank.
+        """
+        count = len(self._numbers)
+        graph = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(count, count))
+        number, part = connected_components(graph, directed=False)
+        least = np.full(number, np.iinfo(np.int64).max)
+        np.minimum.at(least, part, self._numbers)
+        while True:
+            before = least.copy()
+            keepers, cut = self._keepers, part[self._cut]
+            np.minimum.at(least, cut, keepers.answer(keepers.min(least[cut])))
+            if not self._ranks.max(float(np.any(least != before))):
+                return least[part]

@@ -84,7 +84,7 @@ class FieldSeries:
         """Write the fields as they are now.
 
         Args:
-            fragment: of each body, None without.
+            fragment: of each body that the rank knows, None without.
         """
         simulation, bodies = self._simulation, self._bodies
         nodal = {
@@ -94,7 +94,8 @@ class FieldSeries:
         body = bodies.labels[bodies.body_of_cell] if self._shares else bodies.body_of_cell
         cellwise = {"stress": self.stress(), "body": body, "material": bodies.material_of_cell}
         if fragment is not None:
-            cellwise["fragment"] = fragment[bodies.body_of_cell]
+            own = fragment[simulation.part.body_numbers] if self._shares else fragment
+            cellwise["fragment"] = own[bodies.body_of_cell]
         self._write("bulk", nodal, cellwise)
         if self._has_points:
             points = simulation.interactions
