@@ -22,6 +22,7 @@ from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.output import row_blocks
 from xper_fx.parallel.launch import run_together
 from xper_fx.scene.fingerprint import fingerprint
+from xper_fx.simulation.bulk_resolution import bulk_resolution
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.compat import geometry_dofmap
 
@@ -44,9 +45,19 @@ def run(name: str) -> dict[str, np.ndarray]:
         if scene.loads:
             history.setdefault("reaction", []).append(simulation.reaction(RIGHT))
     gather = simulation.interactions.gather
+    broken = xf.output.crack_area(simulation, share=0.5)
+    found = pieces(simulation) | {"crack_area": np.array(broken)}
+    found["bulk"] = np.array(bulk_resolution(simulation) or 0.0)
+    if scene.dim == 2:
+        cracks = xf.output.find_cracks(simulation, inclusion=1, share=0.5)
+        told = scenes.COMM.allgather((cracks.segments, cracks.length))
+        segments, length = map(np.concatenate, zip(*told, strict=True))
+        assert np.all(cracks.kind == 2) and np.isclose(length.sum(), broken, rtol=1e-12)
+        ends = np.sort(segments, axis=1).reshape(-1, 4)
+        found["crack_ends"] = ends[np.lexsort(ends.round(9).T)]
     return (
         {name: np.array(values) for name, values in history.items()}
-        | pieces(simulation)
+        | found
         | {
             "damage": np.sort(gather("damage")),
             "jump": np.sort(np.linalg.norm(gather("jump"), axis=1)),
