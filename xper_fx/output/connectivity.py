@@ -107,7 +107,7 @@ def find_connected(simulation: Simulation, share: float) -> Connected:
 
 def _connected_over_ranks(simulation: Simulation, share: float) -> Connected:
     """Of a mesh that is spread."""
-    from xper_fx.output.fragment_rows import number_fragments
+    from xper_fx.output.divided_fragments import number_fragments
 
     bodies, known, mass = simulation.scene.bodies, _known(simulation), _masses(simulation)
     ranks, held = bodies.spread.ranks, _held_pairs(simulation, share)

@@ -22,7 +22,7 @@ import io
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -30,11 +30,14 @@ import numpy.typing as npt
 from xper_fx.nscd.point_values import BROKEN
 from xper_fx.output.body_shapes import Moments, cell_moments, rigid_moments
 from xper_fx.output.connectivity import Connected, find_connected, of_bodies, spread_of
-from xper_fx.output.fragment_rows import DividedRows, WholeRows
+from xper_fx.output.fragment_rows import WholeRows
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.checks import require_path
 from xper_fx.support.files import write_file
 from xper_fx.support.ranks import ALONE
+
+if TYPE_CHECKING:
+    from xper_fx.output.divided_fragments import DividedRows
 
 _AXES = "xyz"
 _SCALARS = (
@@ -193,6 +196,8 @@ def measure_fragments(simulation: Simulation, share: float = BROKEN) -> Fragment
         ranks = ALONE if simulation.part is None else simulation.ranks
         rows = WholeRows(ranks, int(fragment.max(initial=-1)) + 1)
     else:
+        from xper_fx.output.divided_fragments import DividedRows
+
         rows = DividedRows(simulation.ranks, np.concatenate([of_body, sides.ravel()]))
     total, at = rows.total, rows.at
 
