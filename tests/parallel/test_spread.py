@@ -68,6 +68,12 @@ def test_a_body_goes_to_the_rank_that_has_most_of_it(folder):
     assert labels.tolist() == list(range(RANKS)) and not change.any()
 
 
+def test_bodies_that_are_unlike_each_other_are_shared_out_by_their_work(folder):
+    """Ranks with like numbers of cells would have from 0.6 to 1.7 times the mean."""
+    work = np.load(folder / "balance.npz")["work"]
+    assert len(work) == RANKS and work.max() < 1.05
+
+
 def test_facets_have_the_places_of_the_whole_mesh(folder):
     """So random numbers and tables are those of one rank, and scenes with a table the same."""
     found = [np.load(folder / f"places_{ranks}.npz") for ranks in (RANKS, 2)]

@@ -142,6 +142,20 @@ def blocks_of_one_rank() -> tuple[int, int]:
     return own_label, cells - mesh_map.size_local
 
 
+def work_of_ranks() -> list[float]:
+    """Work of the ranks over their mean, of a plate that is half two blocks and half cells."""
+
+    def label(x):
+        block, cell = np.round(x[1]).astype(int), (4e3 * x[:2]).astype(int)
+        return np.where(x[0] < 0.5, block, 10 + 4000 * cell[0] + cell[1])
+
+    bodies = scenes.box_bodies((1, 1), (12, 12), label=label)
+    sides = bodies.facets.bodies
+    work = np.bincount(bodies.body_of_cell) + 2 * np.bincount(sides.ravel())
+    load = WORLD.allgather(int(work[bodies.spread.rank_of_body == WORLD.rank].sum()))
+    return np.array(load) / np.mean(load)
+
+
 def places_of_facets(lengths, cells, kind) -> float:
     """How far facets are from those of the whole mesh of which they should have the places."""
     scenes.COMM = MPI.COMM_SELF
@@ -218,7 +232,7 @@ def main() -> None:
             found = {"spread": WORLD.gather(spread), "divided": WORLD.gather(divided)}
             found["dust"] = WORLD.gather(held_by_dust(WORLD))
         elif name == "balance":
-            found = {"cells": WORLD.gather(blocks_of_one_rank())}
+            found = {"cells": WORLD.gather(blocks_of_one_rank()), "work": work_of_ranks()}
         elif name == "places":
             boxes = ((1.0, 3.0), (5, 4), "crossed"), ((1.0, 1.0, 2.0), (2, 3, 2), "tetrahedron")
             found = {

@@ -395,7 +395,8 @@ def explode(
         bodies: `EACH_CELL`, or an integer label for each cell of `mesh`, shape (num_cells,), not
             negative: the cells of one label are one body and stay connected as they were. On
             ranks: for the cells that the rank owns, labels that are the same on all ranks; a body
-            goes whole to the rank that has most of its cells.
+            goes whole to the rank that has most of its cells, or where ranks would have unlike
+            work, to one that has the bodies next to it.
         cell_tags: a tag for every cell of `mesh` (materials).
         facet_tags: tags of some facets of `mesh` (boundaries, precracks).
         lattice: makes the mesh a periodic cell: edges of its box, shape (dim,), or period vectors

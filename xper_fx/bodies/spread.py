@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import Mesh, MeshTags, meshtags
 
-from xper_fx.bodies.keepers import Keepers
+from xper_fx.bodies.even_shares import rank_of_bodies
 from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
 from xper_fx.support.ranks import Ranks
 
@@ -64,7 +64,8 @@ def known_cells(
 ) -> KnownCells:
     """Bring each body to one rank, and tell ranks their neighbours; all call it together.
 
-    A body goes to the rank that has most of its cells, of several the lowest.
+    A body goes to the rank that has most of its cells, of several the lowest; or to another one
+    where ranks would have unlike work (`even_shares.py`).
 
     Args:
         ranks: those of the mesh.
@@ -80,7 +81,7 @@ def known_cells(
     if label is None:
         label, rank = number, np.full(count, ranks.rank, np.int32)
     else:
-        rank = _rank_with_most(ranks, label)
+        rank = rank_of_bodies(ranks, mesh, label)
     which, to = _needed(ranks, nodes, rank)
     told = (number, rank, label, material, facet_tag, nodes, mesh.geometry.x[dofmap][:, :, :tdim])
     heard = send(ranks, to, *(array[which] for array in told))
@@ -119,15 +120,6 @@ def send(ranks: Ranks, to: npt.NDArray[np.integer], *arrays: np.ndarray) -> list
     ends = np.searchsorted(to[order], np.arange(ranks.size + 1))
     rows = [order[ends[rank] : ends[rank + 1]] for rank in range(ranks.size)]
     return ranks.comm.alltoall([tuple(array[mine] for array in arrays) for mine in rows])
-
-
-def _rank_with_most(ranks: Ranks, label: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
-    """Rank that has most cells of the body of each cell."""
-    own, place, count = np.unique(label, return_inverse=True, return_counts=True)
-    keepers = Keepers(ranks, own)
-    # the smallest is that of the most cells, and of the lowest rank that has so many
-    best = keepers.answer(keepers.min(ranks.rank - ranks.size * count))
-    return (best % ranks.size).astype(np.int32)[place.ravel()]
 
 
 def _needed(
