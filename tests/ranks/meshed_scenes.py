@@ -36,7 +36,12 @@ from xper_fx.support.compat import geometry_dofmap
 
 # E = 1000, rho = 1, strength 10, cohesive length 0.5 of a side.
 ELASTIC = LinearElastic(1000.0, 0.3, 1.0)
-PIECES = [field.name for field in fields(Fragments) if field.name not in ("time", "fragment")]
+# What a table of fragments has for each.
+PIECES = [
+    field.name
+    for field in fields(Fragments)
+    if field.name not in ("time", "fragment", "first", "count")
+]
 BOND = CohesiveZone(2e4, 0.05, 10.0, friction=0.3)
 CONTACT = SignoriniCoulomb(0.4)
 

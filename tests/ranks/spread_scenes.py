@@ -27,11 +27,6 @@ from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.compat import geometry_dofmap
 
 WORLD = MPI.COMM_WORLD
-# What a table of fragments has for each.
-PIECES = (
-    "bodies", "mass", "volume", "centre", "velocity", "spin", "angular_momentum", "lengths",
-    "translation", "rotation", "vibration", "elastic", "border", "inside",
-)  # fmt: skip
 
 
 def run(name: str) -> dict[str, np.ndarray]:
@@ -77,9 +72,10 @@ def pieces(simulation: Simulation) -> dict[str, np.ndarray]:
     bodies, rank = simulation.scene.bodies, scenes.COMM.rank
     own = bodies.spread.rank_of_body[bodies.body_of_cell] == rank if bodies.spread else slice(None)
     of_cell = np.concatenate(everyone(of_body[bodies.body_of_cell][own]))
-    rows = {name: np.concatenate(everyone(getattr(found, name)))[order] for name in PIECES}
-    cells = np.bincount(of_cell, minlength=len(order))[order]
-    return {f"piece_{name}": values for name, values in rows.items()} | {"piece_cells": cells}
+    rows = {"piece_cells": np.bincount(of_cell, minlength=len(order))[order]}
+    for name in meshed_scenes.PIECES:
+        rows[f"piece_{name}"] = np.concatenate(everyone(getattr(found, name)))[order]
+    return rows
 
 
 def held_by_dust(comm: MPI.Comm) -> float:
