@@ -36,7 +36,12 @@ from xper_fx.support.compat import geometry_dofmap
 
 # E = 1000, rho = 1, strength 10, cohesive length 0.5 of a side.
 ELASTIC = LinearElastic(1000.0, 0.3, 1.0)
-PIECES = [field.name for field in fields(Fragments) if field.name not in ("time", "fragment")]
+# What a table of fragments has for each.
+PIECES = [
+    field.name
+    for field in fields(Fragments)
+    if field.name not in ("time", "fragment", "first", "count")
+]
 BOND = CohesiveZone(2e4, 0.05, 10.0, friction=0.3)
 CONTACT = SignoriniCoulomb(0.4)
 
@@ -200,9 +205,9 @@ def uneven():
     """
     loads, start = stretched(1.0)
     bodies = box_bodies((1, 1), (6, 6))
-    strength = Weibull(10.0, 12.0, seed=2)
+    strength, (place, count) = Weibull(10.0, 12.0, seed=2), bodies.facet_places()
     bond = MixedMode(
-        2e4, (strength, 14.0), (np.linspace(0.05, 0.06, len(bodies.facets)), 0.08), 2.0,
+        2e4, (strength, 14.0), (np.linspace(0.05, 0.06, count)[place], 0.08), 2.0,
         friction=lambda x: 0.2 + 0.2 * x[0],
     )  # fmt: skip
     scene = Scene(

@@ -31,7 +31,10 @@ def run(folder: str, last: int, restart: bool, rigid: str | None = None) -> None
         scene, options, steps = tied() if "tied" in folder else blocks()
         simulation, gauge = Simulation(scene, **options), TensileGauge(LEFT, RIGHT, 0, 1.0, 1.0)
     end = steps * simulation.step_size
-    recorder = Recorder(simulation, folder, end_time=end, fields=5, gauge=gauge, restart=restart)
+    recorder = Recorder(
+        simulation, folder, end_time=end, fields=5, gauge=gauge, restart=restart,
+        fragments=rigid is None,
+    )  # fmt: skip
     for record, _ in recorded_steps(recorder, last * simulation.step_size, "recorded", quiet=True):
         last_rank = simulation.team.size - 1
         one_is_told = folder.endswith("signalled") and simulation.team.rank == last_rank

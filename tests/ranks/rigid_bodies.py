@@ -11,8 +11,9 @@ from mpi4py import MPI
 from xper_fx.forms.loads import Gravity
 from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.rigid import Cluster, Disc, Part, Polygon, RigidBody, Sphere, wall
+from xper_fx.output.connectivity import find_fragments
 from xper_fx.output.contact_forces import find_contact_forces
-from xper_fx.output.fragments import find_fragments, measure_fragments
+from xper_fx.output.fragments import measure_fragments
 from xper_fx.output.joint_forces import find_joint_forces
 from xper_fx.parallel import rigid_partition as rigid_division
 from xper_fx.parallel.launch import run_together

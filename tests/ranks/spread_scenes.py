@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Scenes of meshes that DOLFINx spreads over the ranks; the first writes what came out.
 
-FOLDER, then names of `meshed_scenes`, what to record as NAME=LAST, "held", "balance" or "wrong".
+FOLDER, then names of `meshed_scenes`, what to record as NAME=LAST, "held", "balance", "places" or
+"wrong".
 """
 
 import sys
+import tracemalloc
 from dataclasses import replace
 
 import meshed_scenes
@@ -17,10 +19,11 @@ from scenes import RIGHT
 
 import xper_fx as xf
 from xper_fx.nscd.laws import CohesiveZone
-from xper_fx.nscd.laws.fields import Uniform
 from xper_fx.output import row_blocks
 from xper_fx.parallel.launch import run_together
+from xper_fx.scene.fingerprint import fingerprint
 from xper_fx.scene.tie import tie_points
+from xper_fx.simulation.bulk_resolution import bulk_resolution
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.compat import geometry_dofmap
 
@@ -38,18 +41,63 @@ def run(name: str) -> dict[str, np.ndarray]:
         if scene.loads:
             history.setdefault("reaction", []).append(simulation.reaction(RIGHT))
     gather = simulation.interactions.gather
-    return {name: np.array(values) for name, values in history.items()} | {
-        "damage": np.sort(gather("damage")),
-        "jump": np.sort(np.linalg.norm(gather("jump"), axis=1)),
-        "area": np.sort(gather("area")),
-    }
+    broken = xf.output.crack_area(simulation, share=0.5)
+    found = pieces(simulation) | {"crack_area": np.array(broken)}
+    found["bulk"] = np.array(bulk_resolution(simulation) or 0.0)
+    if scene.dim == 2:
+        cracks = xf.output.find_cracks(simulation, inclusion=1, share=0.5)
+        told = scenes.COMM.allgather((cracks.segments, cracks.length))
+        segments, length = map(np.concatenate, zip(*told, strict=True))
+        assert np.all(cracks.kind == 2) and np.isclose(length.sum(), broken, rtol=1e-12)
+        ends = np.sort(segments, axis=1).reshape(-1, 4)
+        found["crack_ends"] = ends[np.lexsort(ends.round(9).T)]
+    return (
+        {name: np.array(values) for name, values in history.items()}
+        | found
+        | {
+            "damage": np.sort(gather("damage")),
+            "jump": np.sort(np.linalg.norm(gather("jump"), axis=1)),
+            "area": np.sort(gather("area")),
+        }
+    )
+
+
+def pieces(simulation: Simulation) -> dict[str, np.ndarray]:
+    """The table of fragments, those of one mass by their places, and how many cells each has."""
+    found, everyone = xf.output.measure_fragments(simulation), scenes.COMM.allgather
+    mass, centre = (np.concatenate(everyone(part)) for part in (found.mass, found.centre))
+    assert np.all(np.diff(mass) < 1e-12 * mass.sum()) and found.count == len(mass)
+    order = np.lexsort((*centre.round(9).T, mass.round(9)))
+    of_body = xf.output.find_fragments(simulation)
+    np.testing.assert_array_equal(of_body, found.fragment)
+    bodies, rank = simulation.scene.bodies, scenes.COMM.rank
+    own = bodies.spread.rank_of_body[bodies.body_of_cell] == rank if bodies.spread else slice(None)
+    of_cell = np.concatenate(everyone(of_body[bodies.body_of_cell][own]))
+    rows = {"piece_cells": np.bincount(of_cell, minlength=len(order))[order]}
+    for name in meshed_scenes.PIECES:
+        rows[f"piece_{name}"] = np.concatenate(everyone(getattr(found, name)))[order]
+    return rows
+
+
+def held_by_dust(comm: MPI.Comm) -> float:
+    """Bytes at once to measure fragments of a cell each, over the number of bodies here."""
+    scenes.COMM = comm
+    bodies = scenes.box_bodies((1, 1), (24, 24))
+    scene = xf.Scene(bodies, {1: meshed_scenes.ELASTIC}, default_interaction=meshed_scenes.CONTACT)
+    simulation = Simulation(scene, scheme="explicit")
+    tracemalloc.start()
+    found = xf.output.measure_fragments(simulation)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found.count == bodies.counts[0]
+    return peak / simulation.bodies.num_bodies
 
 
 def held(comm: MPI.Comm) -> float:
     """Bytes of all arrays that a simulation reaches on this rank, over those of all bodies here."""
     scenes.COMM = comm
     bodies = scenes.box_bodies((1, 1), (24, 24))
-    bond = CohesiveZone(2e4, 0.05, 10.0)
+    bond = CohesiveZone(2e4, 0.05, xf.fields.Weibull(10.0, 12.0, seed=1))
     scene = xf.Scene(bodies, {1: meshed_scenes.ELASTIC}, default_interaction=bond)
     simulation = Simulation(scene, scheme="explicit")
     return bytes_held(simulation) / simulation.bodies.num_bodies
@@ -100,6 +148,30 @@ def blocks_of_one_rank() -> tuple[int, int]:
     return own_label, cells - mesh_map.size_local
 
 
+def work_of_ranks() -> list[float]:
+    """Work of the ranks over their mean, of a plate that is half two blocks and half cells."""
+
+    def label(x):
+        block, cell = np.round(x[1]).astype(int), (4e3 * x[:2]).astype(int)
+        return np.where(x[0] < 0.5, block, 10 + 4000 * cell[0] + cell[1])
+
+    bodies = scenes.box_bodies((1, 1), (12, 12), label=label)
+    sides = bodies.facets.bodies
+    work = np.bincount(bodies.body_of_cell) + 2 * np.bincount(sides.ravel())
+    load = WORLD.allgather(int(work[bodies.spread.rank_of_body == WORLD.rank].sum()))
+    return np.array(load) / np.mean(load)
+
+
+def places_of_facets(lengths, cells, kind) -> float:
+    """How far facets are from those of the whole mesh of which they should have the places."""
+    scenes.COMM = MPI.COMM_SELF
+    there = scenes.box_bodies(lengths, cells, kind).facets.midpoint
+    scenes.COMM = WORLD
+    bodies = scenes.box_bodies(lengths, cells, kind)
+    places, count = bodies.facet_places()
+    return np.abs(there[places] - bodies.facets.midpoint).max() + abs(count - len(there))
+
+
 def holed(x: np.ndarray) -> np.ndarray:
     """A field that is not finite at a corner of the unit square, which is on one rank."""
     return np.where(x[0] + x[1] > 1.8, np.nan, 0.0 * x[:2])
@@ -130,9 +202,7 @@ def wrong() -> list[str]:
         lambda: Simulation(
             replace(
                 scene,
-                default_interaction=replace(
-                    meshed_scenes.BOND, strength=Uniform(9.0, 11.0, seed=1)
-                ),
+                default_interaction=replace(meshed_scenes.BOND, strength=np.full(9, 9.0)),
             ),
             **options,
         ),
@@ -141,7 +211,7 @@ def wrong() -> list[str]:
         lambda: xf.explode(mesh, np.zeros(own, int)),
         lambda: xf.explode(mesh, np.full(own, -WORLD.rank)),
         lambda: xf.explode(mesh, lattice=(1.0, 1.0)),
-        lambda: xf.output.find_fragments(Simulation(scene, **options)),
+        lambda: xf.output.take_frame(Simulation(scene, **options), "", ""),
         lambda: Simulation(scene, **options).restore(one_state),
         lambda: Simulation(alone, comm=MPI.COMM_SELF, **options).restore(spread_state),
         lambda: replace(scene, loads=[holed_stress]),
@@ -168,8 +238,16 @@ def main() -> None:
             found = {"spread": WORLD.gather(spread), "divided": WORLD.gather(divided)}
             ties = told_of_ties(WORLD), told_of_ties(MPI.COMM_SELF)
             found["ties"] = WORLD.gather(ties)
+            found["dust"] = WORLD.gather(held_by_dust(WORLD))
         elif name == "balance":
-            found = {"cells": WORLD.gather(blocks_of_one_rank())}
+            found = {"cells": WORLD.gather(blocks_of_one_rank()), "work": work_of_ranks()}
+        elif name == "places":
+            boxes = ((1.0, 3.0), (5, 4), "crossed"), ((1.0, 1.0, 2.0), (2, 3, 2), "tetrahedron")
+            found = {
+                "distance": WORLD.gather([places_of_facets(*box) for box in boxes]),
+                "described": str(fingerprint(meshed_scenes.uneven()[0], [0.0])),
+            }
+            name = f"places_{WORLD.size}"
         elif name == "wrong":
             found = {"told": WORLD.gather(wrong())}
         else:

@@ -9,7 +9,7 @@ import touching_bodies
 from asked_scenes import run_asked
 from mpi4py import MPI
 from scenes import box_bodies
-from spread_scenes import bytes_held
+from spread_scenes import bytes_held, pieces
 
 from xper_fx.nscd.laws import CohesiveZone, RigidCohesiveZone
 from xper_fx.nscd.rigid import Disc, RigidBody
@@ -171,6 +171,7 @@ def run(name: str) -> dict[str, np.ndarray]:
         others["solids"] = np.column_stack([state.position, state.velocity, state.turn.spin])
     if scene.joints:
         others["joints"] = np.column_stack(find_joint_forces(simulation))
+    others |= pieces(simulation)
     return {key: np.array(values) for key, values in history.items()} | others | {
         "displacement": rows[:, 2 * dim : 3 * dim], "velocity": rows[:, 3 * dim :],
         "force": np.sort(np.linalg.norm(forces.force, axis=1)),

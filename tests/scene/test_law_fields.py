@@ -180,7 +180,7 @@ def test_a_lognormal_field_has_its_mean_scatter_and_length():
 
     def sample(x, seed):
         none = np.zeros(x.shape[1], int)
-        where = Places(x, x, none, none, none.astype(float), none, none, none, 1)
+        where = Places(x, x, none, none, none.astype(float), *[none] * 4, 1, 1)
         return xf.fields.Lognormal(8.0, 0.25, 1.0, seed).sample(where)
 
     values = np.concatenate([sample(places, seed) for seed in range(5)])

@@ -164,6 +164,30 @@ class Bodies:
         """Numbers of bodies on which all ranks agree: of a mesh that is spread, their labels."""
         return bodies if self.spread is None else self.labels[bodies]
 
+    def facet_places(self) -> tuple[npt.NDArray[np.int64], int]:
+        """Return where the facing facets are among those of all ranks, sorted by midpoints.
+
+        Of a mesh that is spread all ranks call it together. A facet has the place that it would
+        have in `facets` if one rank had the mesh: a table of numbers for the facets of that mesh
+        is read as `table[bodies.facet_places()[0]]`.
+
+        Returns:
+            Shape (num_facing_facets,), int64, and the number of all facing facets.
+        """
+        points = self.facets.midpoint
+        if self.spread is None:
+            return np.arange(len(points)), len(points)
+        from xper_fx.bodies.keepers import places_in_order
+
+        ranks = self.spread.ranks
+        ends = ranks.max(np.stack([e.max(axis=0, initial=-np.inf) for e in (points, -points)]))
+        tolerance = _EQUAL_COORDINATE * ends.sum(axis=0).max()
+        places, count = places_in_order(ranks, points[:, 0], tolerance)
+        for coordinate in points.T[1:]:
+            next_places, next_count = places_in_order(ranks, coordinate, tolerance)
+            places, count = places_in_order(ranks, places * next_count + next_places)
+        return places, count
+
     def require_whole(self, what: str) -> None:
         """Raise a SerialOnlyError if the mesh is spread over ranks.
 
@@ -371,7 +395,8 @@ def explode(
         bodies: `EACH_CELL`, or an integer label for each cell of `mesh`, shape (num_cells,), not
             negative: the cells of one label are one body and stay connected as they were. On
             ranks: for the cells that the rank owns, labels that are the same on all ranks; a body
-            goes whole to the rank that has most of its cells.
+            goes whole to the rank that has most of its cells, or where ranks would have unlike
+            work, to one that has the bodies next to it.
         cell_tags: a tag for every cell of `mesh` (materials).
         facet_tags: tags of some facets of `mesh` (boundaries, precracks).
         lattice: makes the mesh a periodic cell: edges of its box, shape (dim,), or period vectors

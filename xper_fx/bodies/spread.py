@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import Mesh, MeshTags, meshtags
 
+from xper_fx.bodies.even_shares import rank_of_bodies
 from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
 from xper_fx.support.ranks import Ranks
 
@@ -63,7 +64,8 @@ def known_cells(
 ) -> KnownCells:
     """Bring each body to one rank, and tell ranks their neighbours; all call it together.
 
-    A body goes to the rank that has most of its cells, of several the lowest.
+    A body goes to the rank that has most of its cells, of several the lowest; or to another one
+    where ranks would have unlike work (`even_shares.py`).
 
     Args:
         ranks: those of the mesh.
@@ -79,7 +81,7 @@ def known_cells(
     if label is None:
         label, rank = number, np.full(count, ranks.rank, np.int32)
     else:
-        rank = _rank_with_most(ranks, label)
+        rank = rank_of_bodies(ranks, mesh, label)
     which, to = _needed(ranks, nodes, rank)
     told = (number, rank, label, material, facet_tag, nodes, mesh.geometry.x[dofmap][:, :, :tdim])
     heard = send(ranks, to, *(array[which] for array in told))
@@ -118,39 +120,6 @@ def send(ranks: Ranks, to: npt.NDArray[np.integer], *arrays: np.ndarray) -> list
     ends = np.searchsorted(to[order], np.arange(ranks.size + 1))
     rows = [order[ends[rank] : ends[rank + 1]] for rank in range(ranks.size)]
     return ranks.comm.alltoall([tuple(array[mine] for array in arrays) for mine in rows])
-
-
-def places_of_keys(ranks: Ranks, to: np.ndarray, keys: np.ndarray) -> np.ndarray:
-    """Places of keys among those of all ranks, each of which counts once, in their order.
-
-    All ranks call it together.
-
-    Args:
-        to: shape (n,), ascending: rank that counts each key, the same for a key on all ranks; a
-            larger key is counted by no lower rank.
-        keys: shape (n,), whole numbers.
-    """
-    asked = send(ranks, to, keys)
-    kept = np.unique(np.concatenate([theirs for (theirs,) in asked]))
-    first = ranks.before(len(kept))
-    answers = ranks.comm.alltoall([first + np.searchsorted(kept, theirs) for (theirs,) in asked])
-    return np.concatenate(answers)
-
-
-def _rank_with_most(ranks: Ranks, label: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
-    """Rank that has most cells of the body of each cell."""
-    own, place, count = np.unique(label, return_inverse=True, return_counts=True)
-    keeper = own % ranks.size
-    heard = send(ranks, keeper, own, count)
-    labels, counts = (np.concatenate(column) for column in zip(*heard, strict=True))
-    sender = np.repeat(np.arange(ranks.size), [len(asked) for asked, _ in heard])
-    best = np.lexsort((sender, -counts, labels))
-    kept, first = np.unique(labels[best], return_index=True)
-    most = sender[best][first].astype(np.int32)
-    answers = ranks.comm.alltoall([most[np.searchsorted(kept, asked)] for asked, _ in heard])
-    rank = np.empty(len(own), np.int32)
-    rank[np.argsort(keeper, kind="stable")] = np.concatenate(answers)
-    return rank[place.ravel()]
 
 
 def _needed(

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from xper_fx.output.contact_forces import find_contact_forces as find_contact_forces
     from xper_fx.output.cracks import Cracks as Cracks
     from xper_fx.output.cracks import broken_points as broken_points
+    from xper_fx.output.cracks import crack_area as crack_area
     from xper_fx.output.cracks import crack_panel as crack_panel
     from xper_fx.output.cracks import find_cracks as find_cracks
     from xper_fx.output.field_series import point_coordinates as point_coordinates
@@ -35,6 +36,7 @@ _MODULE_OF = {
     "Frame": "frames",
     "JointForces": "joint_forces",
     "broken_points": "cracks",
+    "crack_area": "cracks",
     "crack_panel": "cracks",
     "find_contact_forces": "contact_forces",
     "find_cracks": "cracks",

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from xper_fx.nscd.facets import nodal_shares
 from xper_fx.nscd.point_values import BROKEN
 from xper_fx.output.connectivity import require_share
-from xper_fx.output.field_series import point_coordinates
+from xper_fx.output.field_series import coordinates_of_known, shown_places, shown_values
 from xper_fx.output.recorder import Recorder
 from xper_fx.plotting.figures import CrackPanel
 from xper_fx.simulation.simulation import Simulation
@@ -30,6 +30,11 @@ class Cracks(NamedTuple):
     segments: np.ndarray
     kind: np.ndarray
 
+    @property
+    def length(self) -> np.ndarray:
+        """Length of each segment, shape (m,), m."""
+        return np.linalg.norm(self.segments[:, 1] - self.segments[:, 0], axis=1)
+
 
 def find_cracks(
     simulation: Simulation,
@@ -38,6 +43,9 @@ def find_cracks(
     share: float = BROKEN,
 ) -> Cracks:
     """Find the cracks of a simulation in the plane; contacts and perfect bonds are none.
+
+    Of a mesh that is spread over ranks each rank finds those at its own points, by which all cracks
+    are on one rank each; all ranks call it together.
 
     Args:
         simulation: a run with nodal points.
@@ -57,12 +65,30 @@ def find_cracks(
         raise ValueError("Cracks are segments in the plane, and the scene is in space.")
     facets = simulation.scene.bodies.facets
     number = simulation.facets_with_law
-    x = point_coordinates(simulation).reshape(len(number), -1, simulation.bulk.dim)
-    broken = broken_points(simulation, ignored_facets, share).reshape(x.shape[:2])
-    facet, point = np.nonzero(broken)
-    segments = _parts(x)[facet, point]
+    x = coordinates_of_known(simulation).reshape(len(number), -1, simulation.bulk.dim)
+    broken = broken_points(simulation, ignored_facets, share)
+    facet, point = np.divmod(shown_places(simulation)[broken], max(x.shape[1], 1))
     sides = facets.materials[number[facet]]
-    return Cracks(segments, np.count_nonzero(sides == inclusion, axis=1))
+    return Cracks(_parts(x)[facet, point], np.count_nonzero(sides == inclusion, axis=1))
+
+
+def crack_area(
+    simulation: Simulation, ignored_facets: tuple[int, ...] = (), share: float = BROKEN
+) -> float:
+    """Area of the facets whose bonds are broken, in the plane their length; of all ranks.
+
+    Args:
+        simulation, ignored_facets, share: as of `broken_points`; all ranks call it together.
+
+    Returns:
+        In the reference configuration, m^2 (2D: m).
+
+    Raises:
+        ValueError, TypeError: as `broken_points`.
+    """
+    broken = broken_points(simulation, ignored_facets, share)
+    area = float(shown_values(simulation, "area")[broken].sum())
+    return area if simulation.scene.bodies.spread is None else simulation.ranks.sum(area)
 
 
 def broken_points(
@@ -80,31 +106,34 @@ def broken_points(
 
     Returns:
         Shape (num_points,), in the order of `point_coordinates`; contacts and perfect bonds are
-        never broken.
+        never broken. Of a mesh that is spread over ranks those of the rank's own points; all ranks
+        call it together.
 
     Raises:
         ValueError, TypeError: as `find_cracks`.
     """
     _check(simulation, ignored_facets, share)
-    interactions, number = simulation.interactions, simulation.facets_with_law
-    dim = simulation.bulk.dim
-    breaks = np.array(["damage" in law.kernels(dim).state_names for law in interactions.laws])
-    broken = breaks[interactions.gather("law")] & (interactions.gather("spent") >= share)
-    # the points of walls come last
-    broken = broken[: len(point_coordinates(simulation))].reshape(len(number), -1)
-    broken[np.isin(simulation.scene.bodies.facets.tag[number], ignored_facets)] = False
-    return broken.ravel()
+    laws = simulation.interactions.laws
+    breaks = np.array(["damage" in law.kernels(simulation.bulk.dim).state_names for law in laws])
+    spent = shown_values(simulation, "spent")
+    broken = breaks[shown_values(simulation, "law")] & (spent >= share)
+    tag = simulation.scene.bodies.facets.tag[simulation.facets_with_law]
+    ignored = np.repeat(np.isin(tag, ignored_facets), simulation.model.points.points_a_facet)
+    return broken & ~ignored[shown_places(simulation)]
 
 
 def _check(simulation: Simulation, ignored_facets: tuple[int, ...], share: float) -> None:
     require_kind("simulation", simulation, Simulation)
     scene = simulation.scene
-    if scene.bodies is None or not len(simulation.facets_with_law):
+    none = scene.bodies is None or not len(simulation.facets_with_law)
+    if scene.bodies is not None and scene.bodies.spread is not None:
+        none = simulation.ranks.all(none)
+    if none:
         raise ValueError("Cracks are of facets with interactions, and the scene has none.")
     require_share(share)
     if not np.iterable(ignored_facets):
         raise TypeError(f"ignored_facets should be a tuple of tags, got {ignored_facets!r}.")
-    unknown = set(ignored_facets) - set(scene.bodies.facet_tags.values.tolist())
+    unknown = set(ignored_facets) - scene.bodies.present.facets
     if unknown:
         raise ValueError(f"ignored_facets names {sorted(unknown)}, which occur nowhere.")
 
@@ -123,6 +152,7 @@ def crack_panel(recorder: Recorder, cracks: Cracks, title: str) -> CrackPanel:
     require_kind("recorder", recorder, Recorder)
     require_kind("cracks", cracks, Cracks)
     bodies = recorder.simulation.scene.bodies
+    bodies.require_whole("A picture of cracks")
     return CrackPanel(
         points=bodies.mesh.geometry.x[:, :2],
         triangles=recorder.cells,

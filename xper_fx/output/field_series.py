@@ -50,10 +50,7 @@ class FieldSeries:
         self._shares = simulation.scene.bodies.spread is not None
         self._bodies = simulation.bodies if self._shares else simulation.scene.bodies
         self.cells = geometry_dofmap(self._bodies.mesh)
-        points = simulation.model.points
-        self._num_points = len(points.facets_with_law) * points.points_a_facet
-        if self._shares:
-            self._num_points = len(points.on_facets()[0])
+        self._places, points = shown_places(simulation), simulation.model.points
         self._has_points = not simulation.team.all(len(points.facets_with_law) == 0)
         self._forms: BulkForms | None = None  # of which the stress is told
         self._stress: Callable[[], np.ndarray] = lambda: np.zeros(0)
@@ -85,7 +82,7 @@ class FieldSeries:
         """Write the fields as they are now.
 
         Args:
-            fragment: of each body, None without.
+            fragment: of each body that the rank knows, None without.
         """
         simulation, bodies = self._simulation, self._bodies
         vertices = VertexValues(simulation)
@@ -93,13 +90,11 @@ class FieldSeries:
         body = bodies.labels[bodies.body_of_cell] if self._shares else bodies.body_of_cell
         cellwise = {"stress": self.stress(), "body": body, "material": bodies.material_of_cell}
         if fragment is not None:
-            cellwise["fragment"] = fragment[bodies.body_of_cell]
+            own = fragment[simulation.part.body_numbers] if self._shares else fragment
+            cellwise["fragment"] = own[bodies.body_of_cell]
         self._write("bulk", nodal, cellwise)
         if self._has_points:
-            points = simulation.interactions
-            read = points.local if self._shares else points.gather
-            # the points of walls come last
-            values = {name: read(name)[: self._num_points] for name in _OF_POINTS}
+            values = {name: shown_values(simulation, name) for name in _OF_POINTS}
             self._write("interfaces", values)
 
     def close(self) -> None:
@@ -162,7 +157,7 @@ class FieldSeries:
             "bulk": {"point": node + bodies.parent_vertex, "cell": bodies.parent_cell.astype(int)}
         }
         if self._has_points:
-            facet, on_facet = np.divmod(points.on_facets()[0], max(points.points_a_facet, 1))
+            facet, on_facet = np.divmod(self._places, max(points.points_a_facet, 1))
             point = points.facet_numbers[facet] * points.points_a_facet + on_facet
             numbers["interfaces"] = {"point": point}
         return numbers
@@ -197,7 +192,7 @@ class FieldSeries:
             x, points = coordinates_of_known(simulation), simulation.model.points
             kind = {2: "line", 3: "triangle"}.get(points.points_a_facet, "vertex")
             if self._shares:  # the points of a facet may be on several ranks
-                x, kind = x[points.on_facets()[0]], "vertex"
+                x, kind = x[self._places], "vertex"
             corners = {"line": 2, "triangle": 3, "vertex": 1}[kind]
             cells = np.arange(len(x)).reshape(-1, corners)
             open_files("interfaces", x, (kind, cells))
@@ -215,15 +210,33 @@ def point_coordinates(simulation: Simulation) -> np.ndarray:
     """Reference positions of the points on facing facets, in the scene's order.
 
     Returns:
-        Shape (num_points, dim), m; points of walls, which come last in the scene, are left out.
+        Shape (num_points, dim), m; points of walls, which come last in the scene, are left out. Of
+        a mesh that is spread over ranks those of the rank's own points.
 
     Raises:
-        ValueError: a scene without a mesh, or with one that is spread over ranks (SerialOnlyError).
+        ValueError: a scene without a mesh.
     """
     if simulation.scene.bodies is None:
         raise ValueError("A scene without a mesh has no facets that points could be on.")
-    simulation.scene.bodies.require_whole("The place of all points")
-    return coordinates_of_known(simulation)
+    return coordinates_of_known(simulation)[shown_places(simulation)]
+
+
+def shown_places(simulation: Simulation) -> np.ndarray:
+    """Places of points among those on `facets_with_law`: of all, or of this rank's.
+
+    They are the rank's of a mesh that is spread, and points of walls are left out.
+    """
+    points = simulation.model.points
+    if simulation.scene.bodies.spread is not None:
+        return points.on_facets()[0]
+    return np.arange(len(points.facets_with_law) * points.points_a_facet)
+
+
+def shown_values(simulation: Simulation, name: str) -> np.ndarray:
+    """What `Interactions.gather` has for the points of `shown_places`, whose order they have."""
+    points = simulation.interactions
+    read = points.gather if simulation.scene.bodies.spread is None else points.local
+    return read(name)[: len(shown_places(simulation))]  # ties and walls come last
 
 
 def remove_series(folder: Path) -> None:

@@ -22,17 +22,22 @@ import io
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from xper_fx.nscd.point_values import BROKEN
 from xper_fx.output.body_shapes import Moments, cell_moments, rigid_moments
-from xper_fx.output.connectivity import find_fragments
+from xper_fx.output.connectivity import Connected, find_connected, of_bodies, spread_of
+from xper_fx.output.fragment_rows import WholeRows
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.checks import require_path
 from xper_fx.support.files import write_file
+from xper_fx.support.ranks import ALONE
+
+if TYPE_CHECKING:
+    from xper_fx.output.divided_fragments import DividedRows
 
 _AXES = "xyz"
 _SCALARS = (
@@ -46,11 +51,16 @@ _VECTORS = ("centre", "velocity", "spin", "angular_momentum", "lengths")
 class Fragments:
     """Connected pieces at a time, a row each, the heaviest first; n pieces.
 
+    Of a mesh that is spread over ranks each rank has n of the rows, which follow each other from
+    rank to rank: sums, extremes and histograms are those of the ranks put together.
+
     Energies are in J (2D: J/m). Bonds between two fragments count half to each side.
 
     Attributes:
         time: s.
         fragment: the row of each body, shape (num_bodies,), as `find_fragments` gives it.
+        first: the first row that this rank has; 0 but of a mesh that is spread over ranks.
+        count: how many rows there are on all ranks.
         bodies: how many bodies a fragment has, shape (n,), int.
         mass: kg (2D: kg/m), shape (n,).
         volume: m^3 (2D: m^2), shape (n,).
@@ -69,6 +79,8 @@ class Fragments:
 
     time: float
     fragment: npt.NDArray[np.int32]
+    first: int
+    count: int
     bodies: npt.NDArray[np.int64]
     mass: npt.NDArray[np.float64]
     volume: npt.NDArray[np.float64]
@@ -85,7 +97,7 @@ class Fragments:
     inside: npt.NDArray[np.float64]
 
     def __len__(self) -> int:
-        """Number of fragments."""
+        """Number of fragments, of a mesh that is spread those of this rank."""
         return len(self.mass)
 
     @property
@@ -104,7 +116,8 @@ class Fragments:
         """Write a line a fragment, in full double precision, SI units.
 
         Columns are the attributes, of vectors one a component: `centre_x`, `length_1`, ... Where
-        several ranks simulate, one of them writes.
+        several ranks simulate, one of them writes; of a mesh that is spread, each its rows into a
+        file of its own.
 
         Args:
             path: the file; one that is there is replaced.
@@ -113,7 +126,7 @@ class Fragments:
             OSError: the file cannot be written.
             TypeError: no path.
         """
-        columns: dict[str, np.ndarray] = {"fragment": np.arange(len(self))}
+        columns: dict[str, np.ndarray] = {"fragment": self.first + np.arange(len(self))}
         columns |= {name: getattr(self, name) for name in _SCALARS[:3]}
         for name in _VECTORS:
             values = getattr(self, name)
@@ -159,14 +172,14 @@ def measure_fragments(simulation: Simulation, share: float = BROKEN) -> Fragment
         share: of its fracture energy that a broken bond has spent.
 
     Returns:
-        The same table on all ranks.
+        The same table on all ranks; of a mesh that is spread over them, some rows on each.
 
     Raises:
         ValueError: a share out of (0, 1], a periodic cell, whose pieces go on over its border and
             have no centre.
         TypeError: no simulation, something that is no number.
     """
-    fragment = find_fragments(simulation, share)
+    connected = find_connected(simulation, share)
     bodies, dim = simulation.scene.bodies, simulation.bulk.dim
     cells = simulation.scene.lattice, getattr(bodies, "lattice", None)
     if any(lattice is not None for lattice in cells):
@@ -174,40 +187,48 @@ def measure_fragments(simulation: Simulation, share: float = BROKEN) -> Fragment
             "The pieces of a periodic cell go on over its border and have no centre, spin or "
             "length; find_fragments(simulation) says which bodies they are."
         )
-    count = int(fragment.max(initial=-1)) + 1
+    fragment, (sides, lost) = of_bodies(simulation, connected), _lost(simulation, connected)
+    of_body = np.concatenate(
+        [fragment[_own_bodies(simulation)], _rigid_fragments(simulation, fragment)]
+    )
+    rows: WholeRows | DividedRows
+    if spread_of(simulation) is None:
+        ranks = ALONE if simulation.part is None else simulation.ranks
+        rows = WholeRows(ranks, int(fragment.max(initial=-1)) + 1)
+    else:
+        from xper_fx.output.divided_fragments import DividedRows
 
-    def total(label: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Sums over each fragment, on all ranks."""
-        kept = label >= 0
-        flat = values[kept].reshape(np.count_nonzero(kept), -1)
-        sums = [np.bincount(label[kept], column, minlength=count) for column in flat.T]
-        out = np.array(sums).T.reshape(count, *values.shape[1:])
-        return out if simulation.part is None else simulation.ranks.sum(out)
+        rows = DividedRows(simulation.ranks, np.concatenate([of_body, sides.ravel()]))
+    total, at = rows.total, rows.at
 
     a = _masses(simulation, fragment)
     mass = total(a.fragment, a.mass)
     centre = total(a.fragment, a.mass[:, None] * a.position) / mass[:, None]
     velocity = total(a.fragment, a.mass[:, None] * a.velocity) / mass[:, None]
-    arm, relative = a.position - centre[a.fragment], a.velocity - velocity[a.fragment]
+    arm, relative = a.position - at(centre, a.fragment), a.velocity - at(velocity, a.fragment)
     squared = np.einsum("ni,ni->n", arm, arm)[:, None, None] * np.eye(3)
     outer = arm[:, :, None] * arm[:, None]
     inertia = total(a.fragment, a.inertia + a.mass[:, None, None] * (squared - outer))
     own = np.einsum("nij,nj->ni", a.inertia, a.spin)
     momentum = total(a.fragment, own + a.mass[:, None] * np.cross(arm, relative))
     spin = np.linalg.solve(inertia, momentum[:, :, None])[:, :, 0]
-    rest, turning = relative - np.cross(spin[a.fragment], arm), a.spin - spin[a.fragment]
+    turn = at(spin, a.fragment)
+    rest, turning = relative - np.cross(turn, arm), a.spin - turn
     rest_energy = a.mass * np.einsum("ni,ni->n", rest, rest)
     rest_energy += np.einsum("ni,nij,nj->n", turning, a.inertia, turning)
     moves = 0.5 if simulation.options.inertia else 0.0
-    volume, lengths = _sizes(simulation, fragment, centre[:, :dim], total)
-    border, inside = _dissipated(simulation, fragment, count)
+    volume, lengths = _sizes(simulation, fragment, centre[:, :dim], rows)
+    within = sides[:, 0] == sides[:, 1]
     axes = slice(2, 3) if dim == 2 else slice(3)
     return Fragments(
-        simulation.time, fragment, np.bincount(fragment[fragment >= 0], minlength=count), mass,
-        volume, centre[:, :dim], velocity[:, :dim], spin[:, axes], momentum[:, axes], lengths,
+        simulation.time, fragment, rows.first, rows.count,
+        total(of_body, np.ones(len(of_body))).astype(np.int64), mass, volume,
+        centre[:, :dim], velocity[:, :dim], spin[:, axes], momentum[:, axes], lengths,
         moves * mass * np.einsum("ni,ni->n", velocity, velocity),
         moves * np.einsum("ni,ni->n", spin, momentum), moves * total(a.fragment, rest_energy),
-        _elastic(simulation, fragment, total), border, inside,
+        _elastic(simulation, fragment, total),
+        total(sides[~within].ravel(), np.repeat(0.5 * lost[~within], 2)),
+        total(sides[within, 0], lost[within]),
     )  # fmt: skip
 
 
@@ -215,7 +236,8 @@ def _own_bodies(simulation: Simulation) -> slice | np.ndarray:
     """Which of all meshed bodies are this rank's."""
     if simulation.part is not None:
         return simulation.part.body_numbers
-    return slice(simulation.scene.bodies.num_bodies)
+    bodies = simulation.scene.bodies
+    return slice(0 if bodies is None else bodies.num_bodies)
 
 
 def _node_fragments(simulation: Simulation, fragment: np.ndarray) -> np.ndarray:
@@ -224,7 +246,7 @@ def _node_fragments(simulation: Simulation, fragment: np.ndarray) -> np.ndarray:
 
 def _rigid_fragments(simulation: Simulation, fragment: np.ndarray) -> np.ndarray:
     """Of the rigid bodies, which all ranks have and one counts; -1 for walls and on other ranks."""
-    label = fragment[len(fragment) - len(simulation.rigid.bodies) :]
+    label = fragment[len(fragment) - len(simulation.scene.rigid) :]
     elsewhere = simulation.part is not None and simulation.ranks.rank > 0
     return np.full(len(label), -1) if elsewhere else label
 
@@ -269,7 +291,7 @@ def _masses(simulation: Simulation, fragment: np.ndarray) -> _Masses:
 
 
 def _sizes(
-    simulation: Simulation, fragment: np.ndarray, centre: np.ndarray, total: Callable
+    simulation: Simulation, fragment: np.ndarray, centre: np.ndarray, rows: WholeRows | DividedRows
 ) -> tuple[np.ndarray, np.ndarray]:
     """Volume and lengths of each fragment."""
     parts: list[tuple[np.ndarray, Moments]] = []
@@ -278,7 +300,7 @@ def _sizes(
         label = fragment[_own_bodies(simulation)][simulation.bodies.body_of_cell]
         x = V.tabulate_dof_coordinates()[:, : simulation.bulk.dim]
         now = x + simulation.state.displacement.reshape(x.shape)
-        parts.append((label, cell_moments(V, now[V.dofmap.list] - centre[label][:, None])))
+        parts.append((label, cell_moments(V, now[V.dofmap.list] - rows.at(centre, label)[:, None])))
     if simulation.rigid is not None:
         rigid = simulation.rigid
         label = _rigid_fragments(simulation, fragment)
@@ -286,12 +308,12 @@ def _sizes(
             body.shape if number >= 0 else None
             for body, number in zip(simulation.scene.rigid, label, strict=True)
         ]
-        about = rigid.state.position - np.where(label[:, None] >= 0, centre[label], 0.0)
+        about = rigid.state.position - np.where(label[:, None] >= 0, rows.at(centre, label), 0.0)
         state = rigid.state._replace(position=about)
         parts.append((label, rigid_moments(rigid.bodies, shapes, state)))
     labels = np.concatenate([label for label, _ in parts])
     moments = zip(*(moments for _, moments in parts), strict=True)
-    volume, first, second = (total(labels, np.concatenate(column)) for column in moments)
+    volume, first, second = (rows.total(labels, np.concatenate(column)) for column in moments)
     second = second - first[:, :, None] * first[:, None] / volume[:, None, None]
     squares = np.linalg.eigvalsh(second / volume[:, None, None])[:, ::-1]
     return volume, np.sqrt(12.0 * np.maximum(squares, 0.0))
@@ -309,13 +331,14 @@ def _elastic(simulation: Simulation, fragment: np.ndarray, total: Callable) -> n
     return total(label, simulation.forms.cell_energies(state.displacement))
 
 
-def _dissipated(
-    simulation: Simulation, fragment: np.ndarray, count: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """What bonds on the border of each fragment and within it have dissipated."""
-    pairs = simulation.model.points.bodies_of_points()
-    if not len(pairs):
-        return np.zeros(count), np.zeros(count)
+def _lost(simulation: Simulation, connected: Connected) -> tuple[np.ndarray, np.ndarray]:
+    """Fragments on both sides of this rank's points, shape (n, 2), and what their bonds have lost.
+
+    Points of walls are left out.
+    """
+    pairs = simulation.model.points.bodies_of_own_points()
+    if simulation.interactions is None:
+        return connected.of(pairs), np.zeros(len(pairs))
     points = simulation.interactions
     law, energy = points.local("law"), np.zeros(len(points))
     for number, one in enumerate(points.laws):
@@ -325,11 +348,4 @@ def _dissipated(
             sound = one.initial_state()[names.index("damage")]
             energy[own] = np.multiply(sound, getattr(one, "fracture_energy", np.nan))
     energy *= points.local("area") * points.local("spent")
-    energy = points.whole(energy)[: len(pairs)]
-    sides = fragment[pairs]
-    within = sides[:, 0] == sides[:, 1]
-    half = np.repeat(0.5 * energy[~within], 2)
-    return (
-        np.bincount(sides[~within].ravel(), half, minlength=count),
-        np.bincount(sides[within, 0], energy[within], minlength=count),
-    )
+    return connected.of(pairs), energy[: len(pairs)]

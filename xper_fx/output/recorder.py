@@ -131,8 +131,6 @@ class Recorder:
         require_count("fields", fields, 0)
         require_flag("fragments", fragments)
         require_flag("restart", restart)
-        if fragments and simulation.scene.bodies is not None:
-            simulation.scene.bodies.require_whole("A run with fragments=True")
         if gauge is not None:
             require_gauge(gauge)
             if hasattr(gauge, "check"):
@@ -321,7 +319,8 @@ class Recorder:
             if self._packing_columns is not None:
                 line |= self._packing_columns(self.simulation)
             if self._find_fragments is not None:
-                line["fragments"] = int(self._find_fragments(self.simulation).max()) + 1
+                fragment = self._find_fragments(self.simulation)
+                line["fragments"] = int(self.simulation.team.max(float(fragment.max()))) + 1
             self._at_root(lambda: self._history.append(**line))
         self._totals["steps"] += 1
         self._totals["sweeps"] += step.sweeps

@@ -12,13 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from dolfinx.mesh import meshtags
 
+from xper_fx.bodies.even_shares import CELL, FACET
 from xper_fx.bodies.explode import Bodies, CellFacets, FacingFacets
 from xper_fx.parallel.division import partition_bodies
 from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
 from xper_fx.support.ranks import Ranks
 
-# Share of a cell and of a facing facet in the work of a body.
-_CELL, _FACET = 1, 2
 # Distance at which bodies may soon touch, as a share of their size.
 _NEAR = 0.1
 
@@ -96,8 +95,8 @@ def bodies_by_rank(
     Pairs of bodies that are `near` each other, shape (n, 2), better stay together, too.
     """
     pairs = bodies.facets.bodies
-    weights = _CELL * np.bincount(bodies.body_of_cell, minlength=bodies.num_bodies)
-    weights += _FACET * np.bincount(pairs.ravel(), minlength=bodies.num_bodies)
+    weights = CELL * np.bincount(bodies.body_of_cell, minlength=bodies.num_bodies)
+    weights += FACET * np.bincount(pairs.ravel(), minlength=bodies.num_bodies)
     if near is not None:
         pairs = np.concatenate([pairs, near])
     return partition_bodies(weights, pairs, np.ones(len(pairs), int), num_ranks)

@@ -159,9 +159,8 @@ def _numbers(bodies: Bodies, facets: FacingFacets, ranks: Ranks) -> np.ndarray:
     """
     if bodies.spread is None:
         return np.arange(len(facets))
-    from xper_fx.bodies.spread import places_of_keys
+    from xper_fx.bodies.keepers import places_of_numbers
 
     low, high = np.sort(bodies.parent_cell[facets.cells], axis=1).T
     num_cells = bodies.spread.num_cells
-    # facets come in this order
-    return places_of_keys(ranks, low * ranks.size // num_cells, low * num_cells + high)
+    return places_of_numbers(ranks, low * num_cells + high, low * ranks.size // num_cells)

@@ -19,6 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from xper_fx.bodies.explode import Bodies
+from xper_fx.bodies.keepers import JoinedNumbers
 from xper_fx.nscd.rigid.bodies import RigidBodies
 from xper_fx.nscd.search.bonded_facets import Bonds
 from xper_fx.nscd.search.contact_pairs import Contacts
@@ -133,12 +134,7 @@ class SpreadSearch:
         sizes = own.surface.size(own.start)
         self.depth = -ranks.max(-float(search.depth.min(initial=np.inf)))
         self._typical = ranks.max(float(np.median(sizes)) if len(sizes) else 0.0)
-        own_bodies = np.flatnonzero(rank_of_body == ranks.rank)
-        others = np.flatnonzero(rank_of_body != ranks.rank)
-        self._foreign = [others[rank_of_body[others] == rank] for rank in range(ranks.size)]
-        asked = ranks.comm.alltoall([bodies.labels[there] for there in self._foreign])
-        labels = bodies.labels[own_bodies]  # ascending
-        self._asked = [own_bodies[np.searchsorted(labels, numbers)] for numbers in asked]
+        self._joined = JoinedNumbers(ranks, bodies.labels)
         self._fragment = self._fragments()
         self._search: SurfaceSearch | None = None
         self._stale, self.meetings, self._skin = False, 0, 0.1 * self._typical
@@ -362,16 +358,6 @@ class SpreadSearch:
 
     def _fragments(self) -> np.ndarray:
         """Smallest number of the bodies that bonds connect, over all ranks, of each known body."""
-        ranks, count = self._ranks, len(self._number_of_body)
-        here = np.arange(count)
-        here[: len(self._bonds.fragment)] = self._bonds.fragment
-        of_fragment, fragment = self._number_of_body.copy(), self._number_of_body[here]
-        while True:
-            np.minimum.at(of_fragment, here, fragment)
-            new = of_fragment[here]
-            told = ranks.comm.alltoall([new[bodies] for bodies in self._asked])
-            fragment = new.copy()
-            for bodies, numbers in zip(self._foreign, told, strict=True):
-                fragment[bodies] = np.minimum(fragment[bodies], numbers)
-            if ranks.max(float(np.any(fragment != new))) == 0.0:
-                return fragment
+        here = np.arange(len(self._number_of_body))
+        fragment = self._bonds.fragment
+        return self._joined.smallest(np.column_stack([here[: len(fragment)], fragment]))

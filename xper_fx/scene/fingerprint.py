@@ -18,11 +18,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from xper_fx.bodies.meshes import facet_cells, facet_geometry_nodes
+from xper_fx.nscd.laws.parameters import Values
 from xper_fx.support.compat import geometry_dofmap
 
 if TYPE_CHECKING:
     from xper_fx.bodies.explode import Bodies
     from xper_fx.scene.scene import Scene
+    from xper_fx.support.ranks import Ranks
 
 # Entries up to which an array or a list is written out.
 _SHORT = 16
@@ -38,6 +40,8 @@ class _Read(NamedTuple):
 
     times: Sequence[float]
     places: np.ndarray | None
+    bodies: Bodies | None
+    arrays: list[dict]  # what is described of arrays over facets that this rank knows
 
 
 def fingerprint(scene: Scene, times: Sequence[float], **more: Any) -> dict:
@@ -51,7 +55,7 @@ def fingerprint(scene: Scene, times: Sequence[float], **more: Any) -> dict:
     Returns:
         Nested dictionaries and lists of what JSON has.
     """
-    read = _Read(times, _places(scene.bodies))
+    read = _Read(times, _places(scene.bodies), scene.bodies, [])
     out = {f.name: _described(getattr(scene, f.name), read) for f in fields(scene)
            if f.name not in _APART}  # fmt: skip
     if scene.bodies is not None:
@@ -59,6 +63,8 @@ def fingerprint(scene: Scene, times: Sequence[float], **more: Any) -> dict:
     if scene.rigid_bodies is not None:
         out["rigid bodies"] = _described(scene.rigid_bodies, read)
     out |= {name: _described(value, read) for name, value in more.items()}
+    if scene.bodies is not None and scene.bodies.spread is not None:
+        _add_up(read.arrays, scene.bodies.spread.ranks)
     return json.loads(json.dumps(out))
 
 
@@ -102,6 +108,9 @@ def _described(value: Any, read: _Read, within: tuple[int, ...] = ()) -> Any:
     if isinstance(value, Sequence):
         items = [_described(item, read, within) for item in value]
         return items if len(items) <= _SHORT else f"{len(items)} {_digest(json.dumps(items))}"
+    if isinstance(value, Values) and read.bodies is not None and read.bodies.spread is not None:
+        read.arrays.append({"type": "Values", "values": _share(value.values, read.bodies)})
+        return read.arrays[-1]
     own = {f.name for f in fields(value)} if is_dataclass(value) else getattr(value, "__dict__", {})
     out = {
         name: _described(getattr(value, name), read, within)
@@ -186,6 +195,24 @@ def _mesh(bodies: Bodies) -> dict:
         "lattice": None if bodies.lattice is None else bodies.lattice.tolist(),
         **sums,
     }
+
+
+def _share(values: np.ndarray, bodies: Bodies) -> int:
+    """What this rank adds to the description of an array over facing facets, as `_mesh` does."""
+    facets, spread = bodies.facets, bodies.spread
+    if len(values) != len(facets):
+        return 0  # refused where its points are known
+    own = spread.rank_of_body[facets.bodies[:, 0]] == spread.ranks.rank
+    cells = np.sort(bodies.parent_cell[facets.cells[own]], axis=1)
+    return _sum(cells, np.ascontiguousarray(values[own], float).view(np.uint64))
+
+
+def _add_up(arrays: list[dict], ranks: Ranks) -> None:
+    """Put the sums over all ranks in the place of their shares; other scenes stay others."""
+    told = ranks.comm.allgather([one["values"] for one in arrays])
+    if len(set(map(len, told))) == 1:
+        for one, shares in zip(arrays, zip(*told, strict=True), strict=True):
+            one["values"] = sum(shares) % 2**64
 
 
 def _sum(*columns: np.ndarray) -> int:

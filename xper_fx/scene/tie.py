@@ -102,12 +102,12 @@ def tie_points(
     points = ranks.together(lambda: _points_of(tie, *surfaces, turns))
     if ranks.alone:
         return points
-    from xper_fx.bodies.spread import places_of_keys
+    from xper_fx.bodies.keepers import places_of_numbers
 
     spread, keys = bodies.spread, points.number
     cells = len(bodies.body_of_cell) if spread is None else spread.num_cells
     keeper = keys // V.dofmap.list.shape[1] * ranks.size // cells
-    return points._replace(number=places_of_keys(ranks, keeper, keys))
+    return points._replace(number=places_of_numbers(ranks, keys, keeper))
 
 
 def _surfaces(

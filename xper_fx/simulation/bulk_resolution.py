@@ -40,14 +40,17 @@ def bulk_resolution(simulation: Readings) -> float | None:
     """
     model = simulation.model
     bodies, materials = model.scene.bodies, model.scene.materials
-    if bodies is None or bodies.spread is not None or model.scene.order != 1:
+    if bodies is None or model.scene.order != 1:
         return None
     elastic = all(hasattr(m, "young") and hasattr(m, "poisson") for m in materials.values())
     if bodies.mesh.topology.cell_name() not in _SIMPLICES or not elastic:
         return None
     simulation.displacement  # noqa: B018  brings the state into the forms
     stress, part = model.bulk.forms.stress_evaluator(initial=False)(), model.part
-    if part is not None:
+    own: slice | np.ndarray = slice(None)
+    if bodies.spread is not None:
+        own, stress = part.cells, _of_known(bodies, part.cells, stress)
+    elif part is not None:
         stress = model.ranks.gather(part.cells, stress)
     measure = _measures(bodies)
     V = model.bulk.forms.V if part is None else fem.functionspace(bodies.mesh, ("Lagrange", 1))
@@ -60,8 +63,11 @@ def bulk_resolution(simulation: Readings) -> float | None:
     moduli = np.empty((2, len(measure)))
     for tag, material in materials.items():
         moduli[:, bodies.material_of_cell == tag] = [[material.young], [material.poisson]]
-    distance = _energy(at_vertices - stress[:, None], measure, *moduli)
-    energy = distance + _energy(stress[:, None], measure, *moduli)
+    of_own = measure[own], *moduli[:, own]
+    distance = _energy((at_vertices - stress[:, None])[own], *of_own)
+    energy = distance + _energy(stress[own, None], *of_own)
+    if bodies.spread is not None:
+        distance, energy = model.ranks.sum(np.array([distance, energy]))
     e = model.ledger.energies
     some = energy > _ROUNDING * (e.kinetic + abs(e.external_work))
     return float(np.sqrt(distance / energy)) if some else 0.0
@@ -75,17 +81,44 @@ def _measures(bodies: Bodies) -> np.ndarray:
     return np.abs(np.linalg.det(edges)) / (2.0 if dim == 2 else 6.0)
 
 
+def _of_known(bodies: Bodies, cells: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Values of all cells that a rank knows of a mesh that is spread, from those of its own.
+
+    Args:
+        cells: the rank's own, shape (n,).
+        values: of these, shape (n, ...).
+    """
+    from xper_fx.bodies.keepers import Keepers
+
+    keepers = Keepers(bodies.spread.ranks, bodies.parent_cell)
+    known = np.zeros((len(bodies.parent_cell), *values.shape[1:]))
+    known[cells] = values
+    return keepers.answer(keepers.sum(known))  # a cell is the own of one rank
+
+
 def _joined(simulation: Readings) -> np.ndarray:
     """Facing facets whose bonds hold, shape (n,); contacts and broken ones do not."""
-    number = simulation.facets_with_law
-    if simulation.interactions is None or not len(number):
+    number, points = simulation.facets_with_law, simulation.model.points
+    if simulation.interactions is None:
         return np.zeros(0, int)
-    points = simulation.model.points.points_a_facet * len(number)
-    spent = simulation.interactions.gather("spent")[:points].reshape(len(number), -1)
+    if simulation.scene.bodies.spread is None:
+        if not len(number):
+            return np.zeros(0, int)
+        spent = simulation.interactions.gather("spent")[: points.points_a_facet * len(number)]
+        holds = (spent.reshape(len(number), -1) < BROKEN).any(axis=1)
+    else:
+        from xper_fx.bodies.keepers import Keepers
+
+        place, _ = points.on_facets()
+        spent = simulation.interactions.local("spent")[: len(place)]
+        here = np.zeros(len(number))
+        here[place[spent < BROKEN] // points.points_a_facet] = 1.0
+        keepers = Keepers(simulation.model.ranks, points.facet_numbers)
+        holds = keepers.answer(keepers.sum(here)) > 0.0
     laws, law = simulation.scene.law_of_facet()
     kernels = [one.kernels(simulation.bulk.dim) for one in laws]
     bonds = np.array([k.no_jump or "stored" in k.energies for k in kernels])
-    return number[(spent < BROKEN).any(axis=1) & bonds[law[number]]]
+    return number[holds & bonds[law[number]]]
 
 
 def _groups(bodies: Bodies, V: fem.FunctionSpace, joined: np.ndarray) -> np.ndarray:

@@ -22,6 +22,8 @@ from xper_fx.support.checks import require_kind
 def cohesive_scales(simulation: Readings) -> list[dict[str, Any]]:
     """Scales of each cohesive law of a simulation, in the order of the laws.
 
+    Where ranks have some of the points each, all of them call it together.
+
     Returns:
         For each law its strength (Pa), fracture energy (J/m^2), cohesive length (m) with the
         softest material of the scene, facets it spans (mean facet), and softening number; of fields
@@ -45,14 +47,16 @@ def cohesive_scales(simulation: Readings) -> list[dict[str, Any]]:
         if not hasattr(law, "softening_slope"):
             continue
         lengths = np.atleast_1d(modulus * law.fracture_energy / law.strength**2)
-        if not len(lengths):
+        told = []
+        if len(lengths):
+            shortest = int(np.argmin(lengths))
+            values = lengths, law.strength, law.fracture_energy
+            told = [tuple(float(np.broadcast_to(v, lengths.shape)[shortest]) for v in values)]
+        if interactions.halo is not None:
+            told = [one for there in interactions.halo.ranks.comm.allgather(told) for one in there]
+        if not told:
             continue
-        shortest = int(np.argmin(lengths))
-        length = float(lengths[shortest])
-        strength, energy = (
-            float(np.broadcast_to(values, lengths.shape)[shortest])
-            for values in (law.strength, law.fracture_energy)
-        )
+        length, strength, energy = min(told)
         scales.append(
             {
                 "strength": strength,

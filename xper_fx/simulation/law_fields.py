@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from xper_fx.nscd.facets import facet_shapes
-from xper_fx.nscd.laws.fields import Places, law_at
+from xper_fx.nscd.laws.fields import Places, draws, law_at
 from xper_fx.nscd.laws.parameters import fields_of
 from xper_fx.support.function_values import function_values
 
@@ -17,17 +17,28 @@ if TYPE_CHECKING:
     from xper_fx.nscd.laws.law import Law
     from xper_fx.scene.scene import Scene
     from xper_fx.simulation.permanent_points import ScenePoints
+    from xper_fx.support.ranks import Ranks
 
 
-def laws_at_points(laws: list[Law], points: ScenePoints, scene: Scene) -> list[Law]:
+def laws_at_points(laws: list[Law], points: ScenePoints, scene: Scene, ranks: Ranks) -> list[Law]:
     """The laws with numbers, or arrays over this rank's points, in the place of fields.
 
     Args:
         laws: of `points`, then those of searched contacts alone.
+        ranks: those that simulate the scene, which call it together.
 
     Raises:
         ValueError: a value that the law refuses; a field in the law of searched contacts.
     """
+    numbered = None
+    if scene.bodies is not None and any(map(draws, laws)):
+        numbered = scene.bodies.facet_places()
+    return ranks.together(lambda: _at_points(laws, points, scene, numbered))
+
+
+def _at_points(
+    laws: list[Law], points: ScenePoints, scene: Scene, numbered: tuple[np.ndarray, int] | None
+) -> list[Law]:
     searched = [contact.law for contact in scene.contacts]
     for law in laws:
         if fields_of(law) and law in searched:
@@ -35,7 +46,7 @@ def laws_at_points(laws: list[Law], points: ScenePoints, scene: Scene) -> list[L
                 f"{law!r} has a field and is for contacts that are searched, which have no place "
                 "of their own: give numbers."
             )
-    on_facets, others = _on_facets(points, scene), points.apart_from_facets()
+    on_facets, others = _on_facets(points, scene, numbered), points.apart_from_facets()
     law_of_point = points.law_of_point
     places = _joined([on_facets, *(_elsewhere(on_facets, *given) for given in others)])
     return [
@@ -43,19 +54,26 @@ def laws_at_points(laws: list[Law], points: ScenePoints, scene: Scene) -> list[L
     ]
 
 
-def _on_facets(points: ScenePoints, scene: Scene) -> Places:
-    """Where this rank's points on facing facets are."""
+def _on_facets(
+    points: ScenePoints, scene: Scene, numbered: tuple[np.ndarray, int] | None
+) -> Places:
+    """Where this rank's points on facing facets are.
+
+    Args:
+        numbered: what `Bodies.facet_places` gives, if laws have random fields.
+    """
     facets, (place, law) = scene.bodies.facets, points.on_facets()
     which, on_facet = np.divmod(place, max(points.points_a_facet, 1))
     facet = points.facets_with_law[which]
     nodes = scene.bodies.facet_nodes(scene.order)
     shapes = facet_shapes(scene.dim, nodes.shape[1], scene.points)
     x = np.einsum("pk,pkd->pd", shapes[on_facet], nodes[facet])
+    place_of, count = numbered or (np.zeros(len(facets), int), 0)
+    sides = scene.bodies.numbers_on_all(facets.bodies[facet])
     return Places(
-        _of_three(x), _of_three(facets.normal[facet]), facets.bodies[facet].T,
+        _of_three(x), _of_three(facets.normal[facet]), sides.T,
         facets.materials[facet].T, facets.measure[facet], facet,
-        *_among_the_laws(points, scene, place, law),
-        len(facets) if scene.bodies.spread is None else None,
+        *_among_the_laws(points, scene, place, law), place_of[facet], len(facets), count,
     )  # fmt: skip
 
 
@@ -63,6 +81,8 @@ def _among_the_laws(
     points: ScenePoints, scene: Scene, place: np.ndarray, law: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Number of each point among those of its law on all ranks, and how many these are."""
+    if scene.bodies.spread is not None:
+        return np.full((2, len(place)), -1)
     _, law_of_facet = scene.law_of_facet()
     everywhere = np.repeat(law_of_facet[points.facets_with_law], points.points_a_facet)
     among = np.empty(len(everywhere), int)
@@ -77,8 +97,10 @@ def _elsewhere(like: Places, x: np.ndarray, normal: np.ndarray, area: np.ndarray
     """Where the points of a tie or a wall are."""
     none = np.full(len(x), -1)
     pair = np.stack([none, none])
-    return Places(_of_three(x), _of_three(normal), pair, pair, area, none, none, none,
-                  like.num_facets)  # fmt: skip
+    return replace(
+        like, x=_of_three(x), normal=_of_three(normal), bodies=pair, materials=pair, area=area,
+        facet=none, number=none, num_points=none, place=none,
+    )  # fmt: skip
 
 
 def _of_three(vectors: np.ndarray) -> np.ndarray:
@@ -89,11 +111,12 @@ def _of_three(vectors: np.ndarray) -> np.ndarray:
 
 
 def _joined(parts: list[Places]) -> Places:
-    names = [item.name for item in fields(Places) if item.name != "num_facets"]
     arrays = {
-        name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names
+        name: np.concatenate([getattr(part, name) for part in parts], axis=-1)
+        for name, array in vars(parts[0]).items()
+        if isinstance(array, np.ndarray)
     }
-    return Places(**arrays, num_facets=parts[0].num_facets)
+    return replace(parts[0], **arrays)
 
 
 def _scalar(function, x: np.ndarray) -> np.ndarray:

@@ -344,8 +344,7 @@ class Model:
         if any(map(fields_of, laws)):
             from xper_fx.simulation.law_fields import laws_at_points
 
-            fields = partial(laws_at_points, laws, self.points, self.scene)
-            laws = self.ranks.together(fields)
+            laws = laws_at_points(laws, self.points, self.scene, self.ranks)
         if self.monolithic and not self.options.inertia:
             laws = [law.in_statics() if hasattr(law, "in_statics") else law for law in laws]
         check_laws_suit(

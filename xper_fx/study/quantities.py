@@ -182,6 +182,7 @@ class CrackPattern:
         if simulation.interactions is None:
             return {"points": np.zeros((0, simulation.bulk.dim)), "area": np.zeros(0)}
         broken = broken_points(simulation, self.ignored_facets)
+        simulation.scene.bodies.require_whole("A pattern of cracks")
         return {
             "points": point_coordinates(simulation)[broken],
             "area": simulation.interactions.gather("area")[: len(broken)][broken],

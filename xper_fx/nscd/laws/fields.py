@@ -9,7 +9,8 @@ Any parameter of a law may be, in the place of a number,
   2D: m), named so; a function of one argument of another name takes x. It gives shape (n,) or a
   number;
 - an array with a value for each facing facet of the scene, in the order of `bodies.facets`, or for
-  each point of the law;
+  each point of the law; of a mesh that is spread over ranks, for each facing facet that the rank
+  knows;
 - a scalar DOLFINx function, on whatever mesh covers the facets;
 - a random field of this module, with its seed.
 
@@ -32,6 +33,8 @@ from xper_fx.support.checks import require_integer, require_non_negative, requir
 # Waves whose sum is a correlated field; positions that are worked on at a time.
 _WAVES = 300
 _AT_A_TIME = 4096
+# Random numbers that are drawn at a time.
+_DRAWN = 2**18
 
 
 @dataclass(frozen=True)
@@ -40,22 +43,37 @@ class Places:
 
     x: np.ndarray  #: positions, shape (3, n), m
     normal: np.ndarray  #: unit normals from antagonist to candidate, shape (3, n)
-    bodies: np.ndarray  #: numbers of those on both sides, shape (2, n); -1 of ties and walls
+    #: numbers of those on both sides, of a mesh that is spread their labels, shape (2, n); -1 of
+    #: ties and walls
+    bodies: np.ndarray
     materials: np.ndarray  #: cell tags of both sides, shape (2, n); -1 of ties and walls
     area: np.ndarray  #: of the facet (m^2; 2D: m), of ties and walls that of the point, shape (n,)
     facet: np.ndarray  #: number of the facing facet, -1 of ties and walls, shape (n,)
     #: of the point among those of its law on facing facets, on all ranks, shape (n,)
     number: np.ndarray
-    num_points: np.ndarray  #: how many these are, shape (n,)
-    num_facets: int | None  #: facing facets of the scene; None where no rank knows all of them
+    num_points: np.ndarray  #: how many these are, shape (n,); -1 of a mesh that is spread
+    #: of the facet among those of all ranks, sorted by midpoints as `facet` is on one rank,
+    #: shape (n,); where a field draws numbers for facets
+    place: np.ndarray
+    num_facets: int  #: facing facets of the scene, of a mesh that is spread those known here
+    num_places: int  #: facing facets of all ranks
 
     def __len__(self) -> int:
         return len(self.area)
 
     def take(self, which: np.ndarray) -> Places:
         """The places of some points."""
-        arrays = {n: a[..., which] for n, a in vars(self).items() if n != "num_facets"}
-        return Places(**arrays, num_facets=self.num_facets)
+        arrays = {n: a[..., which] for n, a in vars(self).items() if isinstance(a, np.ndarray)}
+        return replace(self, **arrays)
+
+
+def draws(law: Any) -> bool:
+    """Whether a law has random fields."""
+    given: list[Any] = []
+    for item in (getattr(law, name) for name in fields_of(law)):
+        several = isinstance(item, Mapping | tuple)
+        given += (item.values() if isinstance(item, Mapping) else item) if several else [item]
+    return any(hasattr(item, "sample") for item in given)
 
 
 _TOLD = ("x", "normal", "bodies", "materials", "area")
@@ -135,9 +153,14 @@ def _of_array(name: str, values: np.ndarray, places: Places) -> np.ndarray:
             f"{name} is an array, and some points of the law are on ties or walls, which are no "
             "facets: give a function of x."
         )
-    _require_all_facets(places)
     if not len(places) or len(values) == places.num_facets:
         return values[places.facet]
+    if places.num_points[0] < 0:
+        raise ValueError(
+            f"{name} has {len(values)} values; of a mesh that is spread over ranks it should have "
+            f"one for each of the {places.num_facets} facing facets that this rank knows, in the "
+            "order of `bodies.facets`."
+        )
     if len(values) == places.num_points[0]:
         return values[places.number]
     raise ValueError(
@@ -188,8 +211,7 @@ class Weibull:
 
     def sample(self, places: Places) -> np.ndarray:
         """Values at the points."""
-        drawn = np.random.default_rng(self.seed).exponential(size=places.num_facets)
-        share = _on_facets(drawn, places)
+        share = _on_facets(np.random.default_rng(self.seed).exponential, places)
         if self.reference_area is not None:
             share = share * self.reference_area / places.area
         return self.minimum + self.scale * share ** (1.0 / self.modulus)
@@ -215,8 +237,8 @@ class Uniform:
 
     def sample(self, places: Places) -> np.ndarray:
         """Values at the points."""
-        drawn = np.random.default_rng(self.seed).uniform(size=places.num_facets)
-        return self.low + (self.high - self.low) * _on_facets(drawn, places)
+        drawn = _on_facets(np.random.default_rng(self.seed).uniform, places)
+        return self.low + (self.high - self.low) * drawn
 
 
 @dataclass(frozen=True)
@@ -258,19 +280,17 @@ class Lognormal:
         return self.mean * np.exp(spread * gauss - 0.5 * spread**2)
 
 
-def _on_facets(drawn: np.ndarray, places: Places) -> np.ndarray:
+def _on_facets(draw: Callable[..., np.ndarray], places: Places) -> np.ndarray:
+    """Numbers at points, of which one is drawn for each facet of all ranks, in their order."""
     if np.any(places.facet < 0):
         raise ValueError(
             "A random number for each facet is for laws between facing facets; ties and walls have "
             "no such facets: give a function of x or a Lognormal."
         )
-    _require_all_facets(places)
-    return drawn[places.facet]
-
-
-def _require_all_facets(places: Places) -> None:
-    if places.num_facets is None:
-        raise ValueError(
-            "A value for each facing facet takes a mesh that is whole on each rank, and this one "
-            "is spread: give a function of x or a Lognormal, or build the mesh on MPI.COMM_SELF."
-        )
+    order = np.argsort(places.place, kind="stable")
+    place, drawn = places.place[order], np.empty(len(places))
+    for first in range(0, places.num_places, _DRAWN):
+        block = draw(size=min(_DRAWN, places.num_places - first))
+        here = slice(*np.searchsorted(place, [first, first + len(block)]))
+        drawn[order[here]] = block[place[here] - first]
+    return drawn

@@ -26,13 +26,12 @@ def softening_numbers(interactions: Interactions, step: float, theta: float) -> 
     """
     slopes = [np.asarray(getattr(law, "softening_slope", 0.0)) for law in interactions.laws]
     most = np.zeros(len(slopes))
-    if not any(map(np.any, slopes)):
-        return most
-    largest = _largest(interactions.local("compliance"), interactions.dim)
-    largest *= interactions.points.area
-    for number, slope in enumerate(slopes):
-        here = largest[interactions.law_of_point == number]
-        most[number] = (here * slope).max(initial=0.0)
+    if any(map(np.any, slopes)):
+        largest = _largest(interactions.local("compliance"), interactions.dim)
+        largest *= interactions.points.area
+        for number, slope in enumerate(slopes):
+            here = largest[interactions.law_of_point == number]
+            most[number] = (here * slope).max(initial=0.0)
     if interactions.halo is not None:
         most = interactions.halo.ranks.max(most)
     return (step * theta) ** 2 * most

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Which rank gets which body of several cells, of a mesh that is spread over the ranks.
+
+DOLFINx gives ranks like numbers of cells, and a body is best left where most of it is. Where the
+ranks would have unlike work then, as bodies are unlike each other or few, the space is cut in two
+parts of like work across its longest side, the parts are cut again, and so on (Berger and Bokhari
+1987); bodies go by their middles.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx.mesh import Mesh
+
+from xper_fx.bodies.keepers import Keepers
+from xper_fx.support.compat import geometry_dofmap
+from xper_fx.support.ranks import Ranks
+
+# Share of a cell and of a facing facet in the work of a body.
+CELL, FACET = 1, 2
+# Most work of a rank, over the mean, up to which bodies stay; what other shares must make of it.
+_UNLIKE, _WORTH = 1.15, 0.95
+# Halvings that find where a part is cut; by how much cuts lean, for bodies side by side to part.
+_HALVINGS, _LEAN = 50, 1e-3
+
+
+def rank_of_bodies(ranks: Ranks, mesh: Mesh, label: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
+    """Rank of the body of each cell, shape (num_cells,); all ranks call it together.
+
+    Args:
+        ranks: those of the mesh.
+        mesh: the mesh, as DOLFINx has spread it.
+        label: shape (num_cells,), body of each cell that this rank owns.
+    """
+    own, body, count = np.unique(label, return_inverse=True, return_counts=True)
+    keepers = Keepers(ranks, own)
+    # the smallest is that of the most cells, and of the lowest rank that has so many
+    rank = keepers.min(ranks.rank - ranks.size * count) % ranks.size
+    middles = mesh.geometry.x[geometry_dofmap(mesh)[: len(label)]].mean(axis=1)
+    columns = [_work(mesh, body), np.ones(len(body)), *middles[:, : mesh.topology.dim].T]
+    sums = keepers.sum(np.array([np.bincount(body, column) for column in columns]).T)
+    work, middle = sums[:, 0], sums[:, 2:] / sums[:, 1:2]
+    load = _loads(ranks, rank, work)
+    if load.max() > _UNLIKE * load.mean():
+        other = _bisected(ranks, middle, work)
+        others = _loads(ranks, other, work)
+        if others.max() < _WORTH * load.max() and others.min() > 0.0:
+            rank = other
+    return keepers.answer(rank).astype(np.int32)[body]
+
+
+def _work(mesh: Mesh, body: np.ndarray) -> np.ndarray:
+    """Work of each own cell; facets between cells of two ranks are left out."""
+    tdim = mesh.topology.dim
+    facets = mesh.topology.connectivity(tdim, tdim - 1).array
+    facets = facets.reshape(-1, len(facets) // len(geometry_dofmap(mesh)))[: len(body)]
+    low = np.full(facets.max(initial=-1) + 1, len(body))
+    high = np.full(len(low), -1)
+    np.minimum.at(low, facets, body[:, None])
+    np.maximum.at(high, facets, body[:, None])
+    return CELL + FACET * np.count_nonzero(low[facets] != high[facets], axis=1)
+
+
+def _loads(ranks: Ranks, rank: np.ndarray, work: np.ndarray) -> np.ndarray:
+    return ranks.sum(np.bincount(rank, work, minlength=ranks.size))
+
+
+def _bisected(ranks: Ranks, x: np.ndarray, work: np.ndarray) -> np.ndarray:
+    """Rank of bodies by their places, shape (n,).
+
+    Args:
+        x: shape (n, dim), m.
+        work: shape (n,).
+    """
+    first, last = np.array([0]), np.array([ranks.size])  # ranks of each part
+    part = np.zeros(len(x), np.int64)
+    while np.any(last - first > 1):
+        count, several = len(first), last - first > 1
+        box = np.full((2, count, x.shape[1]), -np.inf)
+        np.maximum.at(box, (0, part), x)
+        np.maximum.at(box, (1, part), -x)
+        side = np.maximum(ranks.max(box).sum(axis=0), 0.0)
+        size = side.max() or 1.0
+        along = _LEAN * side / size**2
+        along[np.arange(count), side.argmax(axis=1)] = 1.0 / size
+        key = np.einsum("nd,nd->n", x, along[part])
+        ends = np.full((2, count), -np.inf)
+        np.maximum.at(ends, (0, part), key)
+        np.maximum.at(ends, (1, part), -key)
+        high, low = np.where(np.isfinite(ends := ranks.max(ends)), ends, 0.0)
+        low = -low - (high + low)  # below all of a part
+        middle = (first + last) // 2
+        goal = ranks.sum(np.bincount(part, work, minlength=count))
+        goal = goal * (middle - first) / (last - first)
+        for _ in range(_HALVINGS):
+            cut = 0.5 * (low + high)
+            enough = _below(ranks, part, work, key, cut) >= goal
+            low, high = np.where(enough, low, cut), np.where(enough, cut, high)
+        under, over = (_below(ranks, part, work, key, cut) for cut in (low, high))
+        cut = np.where((goal - under < over - goal) & (under > 0.0), low, high)
+        beyond = (key > cut[part]) & several[part]
+        starts = np.cumsum(1 + several) - 1 - several  # of each part among the next ones
+        part = starts[part] + beyond
+        first = np.insert(first, np.flatnonzero(several) + 1, middle[several])
+        last = np.append(first[1:], ranks.size)
+    return first[part]
+
+
+def _below(
+    ranks: Ranks, part: np.ndarray, work: np.ndarray, key: np.ndarray, cut: np.ndarray
+) -> np.ndarray:
+    """Work of each part up to its cut."""
+    there = key <= cut[part]
+    return ranks.sum(np.bincount(part[there], work[there], minlength=len(cut)))
