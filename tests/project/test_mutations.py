@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import ast
 import shlex
 import sys
 from collections import Counter
@@ -40,7 +41,7 @@ def test_every_mutation_applies_once_and_is_python(mutation):
     text = (CHECKOUT / "xper_fx" / mutation.file).read_text()
     broken = mutation.broken(text)
     assert broken != text
-    compile(broken, mutation.file, "exec")
+    ast.parse(broken, mutation.file)
     assert mutation.breaks and not mutation.breaks.endswith(".")
 
 
