@@ -21,8 +21,8 @@ from xper_fx.support.ranks import Ranks
 sys.path.insert(0, str(Path(__file__).parents[1] / "ranks"))
 import meshed_scenes
 
-# On three ranks those whose code meets more with more ranks: ranks without points or walls, motions,
-# bodies that are tied or rigid, vertices that several ranks share.
+# On three ranks those whose code meets more with more ranks: ranks without points or walls,
+# motions, bodies that are tied or rigid, vertices that several ranks share.
 ON_RANKS = {
     2: ("scattered", "quadratic", "fall", "plastic", "turning_dropped", "sound_dropped", "own",
         "own_curve"),

@@ -292,10 +292,14 @@ QUICKER = {
     DOCS / "guide/periodic.md": {"(8.0, 9.0)": "(6.0, 5.0)", "step=1e-4": "step=2e-4"},
     DOCS / "guide/slow_fracture.md": {"(200, 4)": "(100, 4)", "steps(2.0)": "steps(1.5)"},
     DOCS / "tutorials/blocks_and_grains.md": {
-        "step=2e-3": "step=4e-3", "2.399": "1.599", "2.4": "1.6"
+        "step=2e-3": "step=4e-3",
+        "2.399": "1.599",
+        "2.4": "1.6",
     },
     DOCS / "tutorials/granular_column.md": {
-        "step=1e-3": "step=2e-3", "count=200": "count=100", "every=0.025": "every=0.1"
+        "step=1e-3": "step=2e-3",
+        "count=200": "count=100",
+        "every=0.025": "every=0.1",
     },
     DOCS / "tutorials/masonry_wall.md": {"step=2e-3": "step=4e-3", "every=0.03": "every=0.15"},
 }
