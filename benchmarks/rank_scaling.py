@@ -3,8 +3,10 @@
 
     ./fenicsx python3 benchmarks/rank_scaling.py [--cells 160] [--model 64 256 1024]
 
-Each number of ranks is a process group of its own (`mpirun -n N`), one thread a rank:
+Each number of ranks is a process group of its own (`mpirun -n N`), one thread a rank but for the
+second line:
 
+- *two threads*: one rank;
 - *apart*: as many runs on one rank, side by side: what cores that share a memory leave of each
   other's time, without any message;
 - *strong*: the plate stays, ranks share it;
@@ -17,16 +19,19 @@ say nothing.
 
 The model: a step of n points on P ranks takes
 
-    t = w n b / P + x (c + l k) + s (d + 2 l log2 P) + v / B,
+    t = w n b / P + sum over x exchanges of (c + o (k - 1) + l) + s (d + l log2 P) + v / B,
 
 w: least time of a point on one rank; b: imbalance of the partition; x, s: exchanges and sums of a
 step; c, d: what they cost in software, measured on two ranks that begin one together, so that
-nobody waits (c of a phase of a sweep: the mean of there and back); k: neighbours of a rank, whose
-messages are counted one after another; v: bytes that a rank sends; l, B: latency and bandwidth
-between ranks (assumed: 2 us and 10 GB/s, an InfiniBand network). b, k, v and the phases of sweeps
-come from a plate of 10 000 points a rank that is divided for P ranks here: nothing of them is
-extrapolated. Of what ranks wait for each other the model knows the imbalance alone: other programs
-on their cores come on top.
+nobody waits; k: neighbours of a rank in an exchange; o: what each message more costs, measured with
+eight messages between two ranks in place of one; v: bytes that a rank sends; l, B: latency and
+bandwidth between ranks (assumed: 2 us and 10 GB/s, an InfiniBand network). Messages to several
+neighbours are on their way together; sums go through log2 P stages, as MPI doubles the distance.
+b, k, v and the phases of sweeps come from a plate of 10 000 points a rank that is divided for P
+ranks here, of 1e7 points at most: beyond 1000 ranks parts are smaller, which leaves neighbours and
+phases as they are and makes b larger, and v is that of 10 000 points (it goes with the root). Of
+what ranks wait for each other the model knows the imbalance alone: other programs on their cores
+come on top.
 """
 
 from __future__ import annotations
@@ -47,13 +52,14 @@ from notched_plate import notched_plate
 
 from xper_fx.parallel.halo import Exchange
 from xper_fx.parallel.local_bodies import bodies_by_rank
-from xper_fx.parallel.ownership import Meetings, owners_by_facet
+from xper_fx.parallel.ownership import owners_by_facet
+from xper_fx.parallel.turns import Visits, hand_over_rows, phases_of_rows
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.ranks import Ranks
 
 LATENCY, BANDWIDTH = 2e-6, 10e9
 WARM, STEPS, CALLS = 3, 40, 400
-POINTS = 10_000  # a rank, in the model
+POINTS, MOST = 10_000, 10_000_000  # a rank, and of all that are divided, in the model
 
 
 class Clock:
@@ -63,8 +69,7 @@ class Clock:
         self.exchanges = self.sums = 0
         for name, returned in (("forward", False), ("back", True), ("add_back", True)):
             self._wrap(Exchange, name, "exchanges", returned)
-        for name in ("sum", "max", "all"):
-            self._wrap(Ranks, name, "sums", False)
+        self._wrap(Ranks, "sum_and_max", "sums", False)
         self.begin()
 
     def begin(self) -> None:
@@ -97,12 +102,27 @@ def cost_of_call(ranks: Ranks, call) -> float:
     return ranks.max(float(np.median(taken)))
 
 
-def measure(cells: int, scheme: str) -> dict:
-    """Steps of the plate on all ranks that were started."""
+def cost_of_messages(ranks: Ranks, count: int) -> float:
+    """As `cost_of_call`, of so many messages of 200 numbers between two ranks, both ways."""
+    other, comm = 1 - ranks.rank, ranks.comm
+    given, taken = np.zeros((count, 200)), np.zeros((count, 200))
+    requests = [comm.Recv_init(taken[i], other, i) for i in range(count)]
+    requests += [comm.Send_init(given[i], other, i) for i in range(count)]
+
+    def exchange() -> None:
+        MPI.Prequest.Startall(requests)
+        MPI.Request.Waitall(requests)
+
+    return cost_of_call(ranks, exchange)
+
+
+def measure(cells: int, scheme: str, threads: int) -> dict:
+    """Steps of the plate on all ranks that were started, so many threads each."""
     clock = Clock()
     simulation = Simulation(
         notched_plate(cells, "weak", homogeneous=True), scheme=scheme, tolerance=1e-3,
-        solver="auto" if scheme == "explicit" else "nlgs", num_threads=1,
+        solver="auto" if scheme == "explicit" else "nlgs",
+        num_threads=threads,
     )  # fmt: skip
     step, ranks = simulation.step_size, simulation.ranks
     for _ in simulation.steps(WARM * step):
@@ -124,22 +144,24 @@ def measure(cells: int, scheme: str) -> dict:
         "bytes": ranks.max(clock.bytes) / STEPS,
         "sweeps": sweeps / STEPS,
     }
-    if not ranks.alone:
+    if ranks.size == 2:
         exchange = simulation.interactions.halo.everywhere
         values, energies = np.zeros(2 * simulation.interactions.halo.num_slots + 2), np.zeros(4)
         there, back, added = (
             cost_of_call(ranks, partial(call, values))
             for call in (exchange.forward, exchange.back, exchange.add_back)
         )
-        found["exchange_cost"], found["phase_cost"] = (there + back + added) / 3, (there + back) / 2
+        found["exchange_cost"], found["phase_cost"] = (there + back + added) / 3, there
+        found["message_cost"] = (cost_of_messages(ranks, 9) - cost_of_messages(ranks, 1)) / 8
         found["sum_cost"] = cost_of_call(ranks, lambda: ranks.sum(energies))
     return found
 
 
-def start(count: int, cells: int, scheme: str) -> subprocess.Popen:
+def start(count: int, cells: int, scheme: str, threads: int = 1) -> subprocess.Popen:
     """`measure` in a process group of its own."""
-    command = ["mpirun", "--oversubscribe", "-n", str(count), sys.executable, __file__]
-    command += ["--worker", "--cells", str(cells), "--scheme", scheme]
+    command = ["mpirun", "--oversubscribe", "--bind-to", "none" if threads > 1 else "core"]
+    command += ["-n", str(count), sys.executable, __file__]
+    command += ["--worker", str(threads), "--cells", str(cells), "--scheme", scheme]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
 
 
@@ -161,43 +183,59 @@ def row(label: str, r: dict, one: dict, share: float) -> None:
     )  # fmt: skip
 
 
+def divided(count: int):
+    """A plate for so many ranks: imbalance, cut facets of a rank, neighbours in each exchange.
+
+    These are of all, for the exchanges once a step, and after each phase of a sweep.
+    """
+    points = min(POINTS, MOST / count)
+    cells = 20 * round((points * count / 12) ** 0.5 / 20)
+    bodies = notched_plate(cells, "weak", homogeneous=True).bodies
+    facets, rank_of_body = bodies.facets, bodies_by_rank(bodies, count)
+    sides, owner = rank_of_body[facets.bodies], owners_by_facet(facets, rank_of_body)
+    cut = sides[:, 0] != sides[:, 1]
+    units, owners = facets.bodies[cut].astype(np.int64), owner[cut]
+    phase = phases_of_rows(units, owners)
+    visits = np.column_stack([units.ravel(), np.repeat(phase, 2), np.repeat(owners, 2)])
+    visits = Visits(*np.unique(visits, axis=0).T)
+    ways = hand_over_rows(visits, rank_of_body[visits.unit])
+    pairs = np.unique(np.sort(sides[cut], axis=1), axis=0)
+    neighbours = [np.bincount(pairs.ravel()).max()]
+    for step in range(1 + phase.max()):
+        gone = ways.after == step
+        met = np.unique(np.column_stack([ways.giver[gone], ways.taker[gone]]), axis=0)
+        neighbours.append(np.bincount(met.ravel()).max())
+    load = np.bincount(owner, minlength=count)
+    at_cut = np.bincount(sides[cut].ravel(), minlength=count).max()
+    return load.max() / load.mean(), at_cut * (POINTS / points) ** 0.5, np.array(neighbours)
+
+
 def model(counts: list[int], one: dict, two: dict, scheme: str) -> None:
     """What the model gives for plates of `POINTS` a rank, from steps of one rank and of two."""
     work = one["least"] / one["points"]
-    exchange, total = two["exchange_cost"], two["sum_cost"]
+    total, message = two["sum_cost"], max(two["message_cost"], 0.0)
+    sweeps = one["sweeps"] if scheme == "implicit" else 0
     once = two["exchanges"] - (2 * two["sweeps"] if scheme == "implicit" else 0)
     print(
-        f"\nmodel, {scheme}: {1e9 * work:.0f} ns a point; {1e6 * exchange:.1f} us an exchange, "
-        f"{1e6 * total:.1f} us a sum"
+        f"\nmodel, {scheme}: {1e9 * work:.0f} ns a point; {1e6 * two['exchange_cost']:.1f} us an "
+        f"exchange, {1e6 * message:.2f} us a message more, {1e6 * total:.1f} us a sum"
     )
-    print(f"{'ranks':>6} {'points':>10} {'imbalance':>10} {'cut facets':>11} {'neighbours':>11} "
+    print(f"{'ranks':>6} {'points':>10} {'imbalance':>10} {'cut facets':>11} {'neighbours':>13} "
           f"{'exchanges':>10} {'sums':>6} {'kB':>8} {'step, ms':>9} {'effic.':>11}")  # fmt: skip
     for count in counts:
-        cells = 20 * round((POINTS * count / 12) ** 0.5 / 20)
-        scene = notched_plate(cells, "weak", homogeneous=True)
-        facets = scene.bodies.facets
-        rank_of_body = bodies_by_rank(scene.bodies, count)
-        sides = rank_of_body[facets.bodies]
-        cut = sides[:, 0] != sides[:, 1]
-        load = np.bincount(owners_by_facet(facets, rank_of_body), minlength=count)
-        at_cut = np.bincount(sides[cut].ravel(), minlength=count).max()
-        pairs = np.unique(np.sort(sides[cut], axis=1), axis=0)
-        neighbours = np.bincount(pairs.ravel()).max()
-        exchanges = once
-        waits = once * (exchange + neighbours * LATENCY)
-        sent = once * 48 * at_cut  # six dofs of a triangle
-        if scheme == "implicit":
-            in_phases = 2 * one["sweeps"] * Meetings(count).with_pairs(pairs).num_phases
-            exchanges += in_phases
-            waits += in_phases * (two["phase_cost"] + LATENCY)
-            sent += 2 * one["sweeps"] * 48 * at_cut
-        waits += two["sums"] * (total + 2 * LATENCY * np.log2(count))
-        points, imbalance = 2 * len(facets), load.max() / load.mean()
-        step = work * points / count * imbalance + waits + sent / BANDWIDTH
+        imbalance, at_cut, neighbours = divided(count)
+        messages = (neighbours - 1) * message
+        waits = once * (two["exchange_cost"] + messages[0] + LATENCY)
+        waits += sweeps * np.sum(two["phase_cost"] + messages[1:] + LATENCY)
+        waits += two["sums"] * (total + LATENCY * np.log2(count))
+        sent = 48 * at_cut * (once + 2 * sweeps)  # six dofs of a triangle
+        alone = work * POINTS
+        step = alone * imbalance + waits + sent / BANDWIDTH
         print(
-            f"{count:6d} {points:10d} {imbalance:10.3f} {at_cut:11d} {neighbours:11d} "
-            f"{exchanges:10.0f} {two['sums']:6.0f} {sent / 1e3:8.0f} {1e3 * step:9.2f} "
-            f"{work * points / count / step:11.2f}", flush=True,
+            f"{count:6d} {POINTS * count:10d} {imbalance:10.3f} {at_cut:11.0f} "
+            f"{' '.join(map(str, neighbours)):>13} "
+            f"{once + sweeps * (len(neighbours) - 1):10.0f} {two['sums']:6.0f} "
+            f"{sent / 1e3:8.0f} {1e3 * step:9.2f} {alone / step:11.2f}", flush=True,
         )  # fmt: skip
 
 
@@ -210,10 +248,10 @@ def main() -> None:
     parser.add_argument(
         "--model", type=int, nargs="+", default=[64, 256], help="numbers of ranks of the model"
     )
-    parser.add_argument("--worker", action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument("--worker", type=int, metavar="THREADS", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.worker:
-        found = measure(options.cells, options.scheme)
+        found = measure(options.cells, options.scheme, options.worker)
         if MPI.COMM_WORLD.rank == 0:
             print(json.dumps(found), flush=True)
         return
@@ -222,6 +260,7 @@ def main() -> None:
               f"{'exchanges':>9} {'sums':>6} {'kB a step':>9} {'sweeps':>7}")  # fmt: skip
         one = told(start(1, options.cells, scheme))
         row("one", one, one, 1.0)
+        row("two threads", told(start(1, options.cells, scheme, 2)), one, 0.5)
         beside = [told(p) for p in [start(1, options.cells, scheme) for _ in range(2)]]
         row("two apart", max(beside, key=lambda found: found["step"]), one, 1.0)
         strong = {count: told(start(count, options.cells, scheme)) for count in options.ranks}

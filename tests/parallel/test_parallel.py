@@ -15,7 +15,8 @@ from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.parallel.division import partition_bodies
 from xper_fx.parallel.local_bodies import divide
-from xper_fx.parallel.ownership import Meetings, owners_by_facet, owners_by_vertex
+from xper_fx.parallel.ownership import owners_by_facet, owners_by_vertex
+from xper_fx.parallel.turns import phases_of_rows
 from xper_fx.support.ranks import Ranks
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "ranks"))
@@ -71,20 +72,18 @@ def test_every_rank_has_a_body():
         partition_bodies(np.array([100, 1, 1, 1]), pairs, np.ones(3, int), 5)
 
 
-def test_a_rank_meets_one_other_in_a_phase():
+def test_a_body_has_one_holder_in_a_phase():
+    """Rows at bodies at which several ranks sweep take turns; all others are of the first phase."""
     rng = np.random.default_rng(3)
-    pairs = rng.integers(0, 9, (60, 2))
-    meetings = Meetings(9).with_pairs(pairs)
-    phase = meetings.of(*np.indices((9, 9)))
-    np.testing.assert_array_equal(phase, phase.T)
-    for rank, row in enumerate(phase):
-        met = row[row > 0]
-        assert len(met) == len(set(met.tolist()))
-        for number in range(1, meetings.num_phases + 1):
-            assert meetings.partner(rank, number) == np.flatnonzero(row == number).tolist()
-    there = np.zeros((9, 9), bool)
-    there[pairs[:, 0], pairs[:, 1]] = there[pairs[:, 1], pairs[:, 0]] = True
-    np.testing.assert_array_equal(phase > 0, there & ~np.eye(9, dtype=bool))
+    units, owner = rng.integers(-1, 400, (120, 3)), rng.integers(0, 9, 120)
+    phase = phases_of_rows(units, owner)
+    holders = [{*owner[(units == unit).any(axis=1)].tolist()} for unit in range(400)]
+    for unit in range(400):
+        there = (units == unit).any(axis=1)
+        for number in range(1, phase.max() + 1):
+            assert len(set(owner[there & (phase == number)].tolist())) <= 1
+    quiet = [all(len(holders[u]) < 2 for u in row if u >= 0) for row in units.tolist()]
+    assert sum(quiet) > 3 and np.all(phase[quiet] == 1) and phase.max() > 2
 
 
 @pytest.mark.parametrize("kind", ["crossed", "quadrilateral", "tetrahedron", "hexahedron"])
@@ -276,7 +275,7 @@ def test_what_fails_at_the_root_fails_on_all():
 
 @pytest.mark.ranks
 def test_many_ranks_agree_as_few_do():
-    """Up and down a tree: the same bits on all ranks, and what is no number is not passed by."""
+    """By all to all and as MPI reduces: the same bits on all, and what is no number is seen."""
     done = on_new_ranks(3, "ranks/reductions.py", timeout=60)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
@@ -285,11 +284,11 @@ def test_many_ranks_agree_as_few_do():
     for total, largest, holed, *plain in told["found"]:
         np.testing.assert_allclose(total, np.sum(values, axis=0), rtol=1e-14)
         np.testing.assert_array_equal(largest, np.max(values, axis=0))
-        assert np.isnan(holed).all() and plain == [3.0, 2.0, True, False]
+        assert np.isnan(holed).all() and plain == [3.0, 2.0, True, False, 6.0, 3.0]
 
 
 @pytest.mark.ranks
-def test_ghosts_of_one_side_only_are_exchanged():
-    done = on_new_ranks(3, "ranks/one_way_ghosts.py", timeout=60)
+def test_what_is_exchanged_arrives():
+    done = on_new_ranks(3, "ranks/exchanges.py", timeout=60)
     assert done.returncode == 0, done.stderr
     assert "exchanged" in done.stdout

@@ -11,7 +11,6 @@ from on_ranks import on_ranks, runs_of
 
 from xper_fx.output.history import read_history
 from xper_fx.parallel.local_bodies import neighbours
-from xper_fx.parallel.ownership import Meetings
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "ranks"))
 import touching_bodies
@@ -54,20 +53,6 @@ RECORDED = tuple(touching_bodies.RECORDED)
 # Contacts of hexahedra, face on face, or of cells in plates that press each other can push in more
 # ways than one: their sum is compared.
 WEDGED = ("boxes", "split_shards", "turning_split_shards")
-
-
-def test_ranks_that_met_before_meet_in_the_same_phase():
-    rng = np.random.default_rng(4)
-    before = Meetings(7).with_pairs(rng.integers(0, 7, (6, 2)))
-    pairs = rng.integers(0, 7, (12, 2))
-    everybody = np.indices((7, 7))
-    known, now = before.of(*everybody), before.with_pairs(pairs).of(*everybody)
-    np.testing.assert_array_equal(now, now.T)
-    np.testing.assert_array_equal(now[known > 0], known[known > 0])
-    assert np.all((now[pairs[:, 0], pairs[:, 1]] > 0) == (pairs[:, 0] != pairs[:, 1]))
-    for row in now:
-        met = row[row > 0].tolist()
-        assert len(met) == len(set(met))
 
 
 def test_neighbours_are_the_bodies_beside_each_other():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What ranks agree on, by all to all and up and down a tree."""
+"""What ranks agree on, by all to all and as MPI reduces."""
 
 import json
 
@@ -16,6 +16,7 @@ for ranks._FEW in (64, 1):
         [
             team.sum(values).tolist(), team.max(values).tolist(), team.max(holed).tolist(),
             team.sum(team.rank), team.max(team.rank), team.all(True), team.all(team.rank != 1),
+            *team.sum_and_max(2.0 * team.rank, 3.0 - team.rank),
         ]
     )  # fmt: skip
 told = team.comm.allgather(repr(found))

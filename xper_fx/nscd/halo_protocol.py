@@ -29,6 +29,9 @@ class Reductions(Protocol):
     def max(self, value: Any) -> Any:
         """Largest of numbers, or of arrays of one shape entry by entry."""
 
+    def sum_and_max(self, added: Any, compared: Any) -> Any:
+        """Sum of the first and largest of the second, which wait for other ranks once."""
+
     def all(self, condition: Any) -> bool:
         """Whether something holds on all ranks."""
 
@@ -82,8 +85,8 @@ class AnyHalo(Protocol):
         """Number of each permanent point in the scene's order, shape (num_points,)."""
 
     @property
-    def phases(self) -> Sequence[GhostExchange]:
-        """Exchange with one rank, phase after phase from the first."""
+    def turns(self) -> Sequence[GhostExchange]:
+        """Exchanges after the phases of a sweep, from 0 on; none where nothing is cut."""
 
     @property
     def nbytes(self) -> int:
@@ -103,7 +106,7 @@ class AnyHalo(Protocol):
         """Values at all points from those at this rank's, in the scene's order, on every rank."""
 
     def phase_of(self, points: InteractionPoints) -> np.ndarray:
-        """Phase of contacts found, 0 where both bodies are this rank's, shape (num_points,)."""
+        """Phase of contacts found, 0 where all bodies are this rank's, shape (num_points,)."""
 
 
 class PointHalo(AnyHalo, Protocol):

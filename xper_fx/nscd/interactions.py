@@ -347,9 +347,13 @@ class Interactions(SteppedPoints):
         Args:
             velocity: shape (num_slots * dim,), m/s.
         """
+        return self.rounding_at(self.largest(float(np.abs(velocity).max(initial=0.0))))
+
+    def rounding_at(self, speed: float) -> float:
+        """`rounding` at the largest speed on any rank (m/s)."""
         if self._stiffness is None:
             self._add_up()
-        return ROUNDING * self.largest(float(np.abs(velocity).max(initial=0.0))) * self._stiffness
+        return ROUNDING * speed * self._stiffness
 
     @property
     def uses_velocity_criterion(self) -> bool:

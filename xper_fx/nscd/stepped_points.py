@@ -335,17 +335,19 @@ class SteppedPoints(PointValues):
         Returns:
             The largest relative change, zero when all have arrived.
         """
-        largest, self.too_far = 0.0, 0.0
+        return self.evolve_and_compare(velocity, 0.0)[0]
+
+    def evolve_and_compare(self, velocity: np.ndarray, value: float) -> tuple[float, float]:
+        """`evolve`, and the largest of a value over all ranks, in one message."""
+        largest, too_far = 0.0, 0.0
         for g in self.groups:
             if g.kernels.evolve is not None:
                 evolve = evolve_loop(g.kernels, g.sides)
                 changes = in_ranges(evolve, len(g), velocity, g.couplings, g.law_arrays())
-                for change, too_far in changes:
-                    largest, self.too_far = max(largest, change), max(self.too_far, too_far)
-        if self.halo is not None:
-            both = self.halo.ranks.max(np.array([largest, self.too_far]))
-            largest, self.too_far = both.tolist()
-        return largest
+                for change, far in changes:
+                    largest, too_far = max(largest, change), max(too_far, far)
+        largest, self.too_far, value = self.largest(np.array([largest, too_far, value])).tolist()
+        return largest, value
 
     def add_velocity(self, velocity: np.ndarray) -> None:
         """Add w H r to `velocity`, shape (num_slots * dim,)."""

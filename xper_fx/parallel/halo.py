@@ -15,7 +15,13 @@ from dolfinx import la
 
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.points import InteractionPoints
-from xper_fx.parallel.ownership import Meetings
+from xper_fx.parallel.turns import (
+    NO_VISITS,
+    PhasesOfPairs,
+    Visits,
+    divide_in_phases,
+    hand_overs,
+)
 from xper_fx.support.compat import index_map
 from xper_fx.support.ranks import Ranks
 
@@ -31,8 +37,8 @@ class Exchange:
     """Moves entries of velocity arrays between slots and their ghosts.
 
     Args:
-        given: own slots that other ranks have as ghosts, by rank, in the order of their ghosts.
-        ghosts: ghost slots by the rank that they follow.
+        given: slots whose entries go to other ranks, by rank, in the order of their ghosts.
+        ghosts: slots that take them, by the rank that they come from.
         dim: dofs a slot.
     """
 
@@ -106,25 +112,26 @@ class Exchange:
         return 8 * len(self._mirrored)
 
 
+# More than a rank has blocks.
+_MOST = 2**40
+
+
 class Halo:
     """What a rank's interactions have to do with other ranks.
 
     Args:
         inverse: blocks of w on this rank's slots.
         given: own slots that other ranks want as ghosts, by rank.
-        meetings: in which phases ranks meet.
         numbers: shape (num_points,), numbers of this rank's points in the whole scene.
-        phase: shape (num_points,), phase of each point, 0 where both bodies are here or, vertex by
-            vertex, where there are no phases.
         at_points: by rank, which of `given` and of `wanted` are nodes of points, others being of
             their lips alone; None where all are, or nobody asks.
 
     Attributes:
-        meetings: as given.
+        phase: shape (num_points,), phase of each point, 0 until `divide` gives them others.
         wanted: slots of the nodes that other ranks gave, by rank, in the order they were asked for.
         everywhere: exchange with all ranks.
         corners: exchange of what permanent points ask for.
-        phases: exchange with one rank, phase after phase from the first.
+        turns: exchanges after the phases of a sweep, from 0 on; none where nothing is cut.
         copies: of what is on every rank; see `RigidHalo`.
     """
 
@@ -135,17 +142,18 @@ class Halo:
         ranks: Ranks,
         inverse: BodyInverse,
         given: Mapping[int, np.ndarray],
-        meetings: Meetings,
         numbers: np.ndarray,
-        phase: np.ndarray,
         at_points: tuple[Mapping[int, np.ndarray], Mapping[int, np.ndarray]] | None = None,
     ):
-        self.ranks, self.numbers, self.phase = ranks, numbers, phase
-        self.meetings, self._given, self._at_points = meetings, given, at_points
+        self.ranks, self.numbers = ranks, numbers
+        self.phase = np.zeros(len(numbers), np.int64)
+        self._given, self._at_points = given, at_points
         blocks_of = inverse.block_of_node
         self._blocks = {rank: np.unique(blocks_of[slots]) for rank, slots in given.items()}
         sizes = np.diff(inverse.node_offsets)
         self._own_blocks = len(sizes) - 1
+        self._visits = NO_VISITS
+        self._phase_of: PhasesOfPairs | None = None
         told = [None] * ranks.size
         all_given = {}
         for rank, blocks in self._blocks.items():
@@ -154,50 +162,97 @@ class Halo:
             ]
             all_given[rank] = np.concatenate(ranges)
             place = np.searchsorted(all_given[rank], given[rank])
-            told[rank] = (sizes[blocks], place)
+            told[rank] = (blocks, sizes[blocks], place)
         answers = ranks.comm.alltoall(told)
         ghosts: dict[int, np.ndarray] = {}
         self.wanted: dict[int, np.ndarray] = {}
         self._sizes = []
-        at = inverse.num_nodes
+        own = ranks.rank * _MOST + np.arange(self._own_blocks)
+        names, at = [np.repeat(own, sizes[:-1])], inverse.num_nodes
         for rank, answer in enumerate(answers):
             if answer is None:
                 continue
-            counts, place = answer
+            blocks, counts, place = answer
             ghosts[rank] = at + np.arange(counts.sum())
             self.wanted[rank] = at + place
             self._sizes.append(counts)
+            names.append(np.repeat(rank * _MOST + blocks.astype(np.int64), counts))
             at += int(counts.sum())
         self._dim = dim = inverse.dim
         self.everywhere = self.corners = Exchange(ranks, all_given, ghosts, dim)
         if at_points is not None:
             self.corners = self._exchange_at_points(self.wanted)
-        self.phases = []
-        for phase in range(1, meetings.num_phases + 1):
-            met = meetings.partner(ranks.rank, phase)
-            self.phases.append(
-                Exchange(
-                    ranks,
-                    {r: all_given[r] for r in met if r in all_given},
-                    {r: ghosts[r] for r in met if r in ghosts},
-                    dim,
-                )
-            )
         self._first, self._last = inverse.num_nodes * dim, at * dim
-        self._rank_of_slot = np.full(at + 1, ranks.rank)
-        for rank, slots in ghosts.items():
-            self._rank_of_slot[slots] = rank
+        self._name_of_slot = np.concatenate(names)  # that of its block, on all ranks
+        self.turns: list[Exchange] = []
 
-    def extended(
-        self, inverse: BodyInverse, more: Mapping[int, np.ndarray], meetings: Meetings
-    ) -> Halo:
+    def divide(self, points: InteractionPoints) -> None:
+        """Give the permanent points their phases; all ranks call it together.
+
+        Args:
+            points: on these slots.
+        """
+        names = np.append(self._name_of_slot, -1)
+        slots = points.nodes.reshape(len(points), 2 * points.nodes.shape[2])
+        names = names[np.minimum(slots, self.num_slots)]
+        homes = np.where(names < 0, self.ranks.rank, names // _MOST)
+        cut = np.flatnonzero((homes != self.ranks.rank).any(axis=1))
+        phase, visits = divide_in_phases(self.ranks, names[cut], homes[cut])
+        self.phase[cut] = phase
+        self._visits = visits._replace(unit=visits.unit % _MOST)
+        self._take_turns(self._visits)
+
+    def divide_pairs(self, pairs: np.ndarray, homes: np.ndarray, unit_of_slot: np.ndarray) -> None:
+        """Give contacts of pairs of bodies phases after those of permanent points.
+
+        All ranks call it together. Phases hang on nothing but the pairs, so that a run that goes on
+        has the same.
+
+        Args:
+            pairs: shape (n, 2), bodies of two ranks whose contacts are this rank's, by names that
+                all ranks know.
+            homes: shape (n, 2), ranks of these bodies.
+            unit_of_slot: shape (num_slots,), body of each slot, -1 for none.
+        """
+        first = self.ranks.max(int(self.phase.max(initial=0)))
+        phase, visits = divide_in_phases(self.ranks, pairs, homes)
+        self._phase_of = PhasesOfPairs.of(pairs, int(first) + phase)
+        self._unit_of_slot = np.append(unit_of_slot, -1)
+        own = np.flatnonzero(self._name_of_slot // _MOST == self.ranks.rank)
+        own = own[unit_of_slot[own] >= 0]
+        held = np.unique(
+            np.column_stack([unit_of_slot[own], self._name_of_slot[own] % _MOST]), axis=0
+        )
+        start, end = (np.searchsorted(held[:, 0], visits.unit, side) for side in ("left", "right"))
+        visit = np.repeat(np.arange(len(start)), end - start)
+        block = np.arange(len(visit)) - np.repeat(np.cumsum(end - start) - end, end - start)
+        blocks = held[block, 1]
+        found = Visits(blocks, int(first) + visits.phase[visit], visits.holder[visit])
+        self._take_turns(self._visits.joined(found))
+
+    def _take_turns(self, visits: Visits) -> None:
+        order = np.argsort(self._name_of_slot, kind="stable")
+        names = self._name_of_slot[order]
+
+        def slots_of(named: dict[int, np.ndarray]) -> dict[int, np.ndarray]:
+            return {
+                rank: order[np.flatnonzero(np.isin(names, blocks))]
+                for rank, blocks in named.items()
+            }
+
+        ways = hand_overs(self.ranks, visits, self.ranks.rank * _MOST + visits.unit)
+        self.turns = [
+            Exchange(self.ranks, slots_of(given), slots_of(taken), self._dim)
+            for given, taken in ways
+        ]
+
+    def extended(self, inverse: BodyInverse, more: Mapping[int, np.ndarray]) -> Halo:
         """A halo with more ghosts than this one, which has none but its points'; all ranks make it.
 
         Args:
             inverse: blocks of w on this rank's slots.
             more: own slots that other ranks want besides, by rank; what they have `wanted` is in
                 its place, and these come after it.
-            meetings: as of `Halo`; ranks that met before do so in the same phase.
         """
         given = {
             rank: np.concatenate(
@@ -205,7 +260,8 @@ class Halo:
             )
             for rank in sorted({*self._given, *more})
         }
-        halo = Halo(self.ranks, inverse, given, meetings, self.numbers, self.phase)
+        halo = Halo(self.ranks, inverse, given, self.numbers)
+        halo.phase, halo._visits = self.phase, self._visits
         wanted = {rank: halo.wanted[rank][: len(slots)] for rank, slots in self.wanted.items()}
         halo.corners = self._exchange_at_points(wanted)
         return halo
@@ -221,9 +277,10 @@ class Halo:
         return Exchange(self.ranks, given, wanted, self._dim)
 
     def phase_of(self, points: InteractionPoints) -> np.ndarray:
-        """Phase of points on these slots, 0 where all bodies are this rank's, (num_points,)."""
-        other = self._rank_of_slot[points.nodes[:, :, 0]]
-        return self.meetings.of(np.full_like(other, self.ranks.rank), other).max(axis=1, initial=0)
+        """Phase of contacts found, 0 where all bodies are this rank's, shape (num_points,)."""
+        if self._phase_of is None:
+            return np.zeros(len(points), np.int64)
+        return self._phase_of(self._unit_of_slot[np.minimum(points.nodes[:, :, 0], self.num_slots)])
 
     @property
     def num_slots(self) -> int:
@@ -302,5 +359,5 @@ class Halo:
     @property
     def nbytes(self) -> int:
         """Memory of what is exchanged and of the points' numbers, in bytes."""
-        exchanges = (self.everywhere, *self.phases)
+        exchanges = (self.everywhere, *self.turns)
         return sum(e.nbytes for e in exchanges) + self.numbers.nbytes + self.phase.nbytes

@@ -2,9 +2,8 @@
 """Velocities of rigid bodies whose contacts are divided among ranks.
 
 Every rank has the velocities of all bodies. While contacts are swept a rank moves its own bodies
-and, in the phase in which it meets another rank, those of the other at the contacts between the
-two that it owns; these *ghosts* follow their owners by DOLFINx index maps. Before sweeps and after
-them the velocities of all bodies are put together, the same bits on all ranks.
+and, in phases (`turns.py`), bodies of other ranks at the contacts that it owns. Before sweeps and
+after them the velocities of all bodies are put together, the same bits on all ranks.
 
 **A cell that stress drives** is moved by all contacts. Each of R ranks sweeps with a copy of
 y = dF/dt that has the R-th part of its mass m (mass splitting, Tonge, Benevolenski and Voroshilov
@@ -25,8 +24,9 @@ import numpy as np
 
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.parallel.halo import Exchange
-from xper_fx.parallel.ownership import Meetings, owners_of_pairs
+from xper_fx.parallel.ownership import owners_of_pairs
 from xper_fx.parallel.rows_of_all import RowsOfAll
+from xper_fx.parallel.turns import PhasesOfPairs, divide_in_phases, hand_overs
 from xper_fx.support.ranks import Ranks
 
 _NOTHING = np.zeros(0, bool)
@@ -48,7 +48,7 @@ class RigidHalo:
 
     Attributes:
         everywhere: exchange of the velocities of all bodies.
-        phases: exchange with one rank, phase after phase from the first.
+        turns: exchanges after the phases of a sweep, from 0 on; none where nothing is cut.
         numbers: shape (0,), of permanent points, of which there are none.
         cut: this rank's bodies that others move, and its ghosts.
         copies: of what is common, with a part of the mass each: one a rank where contacts move it.
@@ -70,29 +70,19 @@ class RigidHalo:
         self._of_bodies = RowsOfAll(ranks, rank_of_body, dofs)
         self._shared = len(rank_of_body) * dofs + np.flatnonzero(common)
         self.copies = ranks.size if len(self._shared) else 1
-        pairs = pairs[moves[pairs].all(axis=1)]
         sides = rank_of_body[pairs]
-        self._meetings = Meetings(ranks.size).with_pairs(sides)
-        owner, me = owners_of_pairs(sides), ranks.rank
-        self.phases = []
-        cut = [self._shared // dofs]
-        for phase in range(1, self._meetings.num_phases + 1):
-            given, ghosts = {}, {}
-            for other in self._meetings.partner(me, phase):
-                both = np.all(np.sort(sides, axis=1) == sorted((me, other)), axis=1)
-                met = pairs[both]
-                ours = owner[both][0] == me
-                seen = np.unique(met[rank_of_body[met] == (other if ours else me)])
-                (ghosts if ours else given)[other] = seen
-                cut.append(seen)
-            self.phases.append(Exchange(ranks, given, ghosts, dofs))
-        self.cut = np.unique(np.concatenate(cut))
+        cut = moves[pairs].all(axis=1) & (sides[:, 0] != sides[:, 1])
+        own = cut & (owners_of_pairs(sides) == ranks.rank)
+        phase, visits = divide_in_phases(ranks, pairs[own], sides[own])
+        self._phase_of = PhasesOfPairs.of(pairs[own], phase)
+        ways = hand_overs(ranks, visits, visits.unit)
+        self.turns = [Exchange(ranks, given, taken, dofs) for given, taken in ways]
+        met = [bodies for of in ways for way in of for bodies in way.values()]
+        self.cut = np.unique(np.concatenate([self._shared // dofs, *met]))
 
     def phase_of(self, points: InteractionPoints) -> np.ndarray:
         """Phase of contacts, 0 where all that they move is here."""
-        bodies = points.nodes[:, :, 0] // 2
-        a, b = self._rank_of_body[bodies].T
-        return np.where(self._moves[bodies].all(axis=1), self._meetings.of(a, b), 0)
+        return self._phase_of(points.nodes[:, :, 0] // 2)
 
     def clear(self, values: np.ndarray) -> None:
         """Set bodies of other ranks to zero in a flat array over all slots."""
@@ -116,12 +106,12 @@ class RigidHalo:
     def nbytes(self) -> int:
         """Memory of what is exchanged and of where bodies are, in bytes."""
         own = (self._rank_of_body, self.cut)
-        return sum(e.nbytes for e in self.phases) + sum(array.nbytes for array in own)
+        return sum(e.nbytes for e in self.turns) + sum(array.nbytes for array in own)
 
     @property
     def bytes_a_sweep(self) -> int:
         """Bytes of velocities that this rank sends in a sweep."""
-        return sum(exchange.bytes_sent + exchange.bytes_returned for exchange in self.phases)
+        return sum(exchange.bytes_sent for exchange in self.turns)
 
     @property
     def bytes_a_gather(self) -> int:

@@ -9,10 +9,10 @@ which sweeps over them.
 Bodies are partitioned as a graph whose edges are the pairs of the list. A pair weighs what its
 search costs, and `_CONTACT` more for each contact found last; a body weighs what its pairs do. The
 partition is looked at anew whenever the list has been made anew. With work_r what rank r does on
-its own, cut_ab what it shares with others, of which two are swept at a time if they are of one
-phase (`ownership.Meetings`), and the mean of all work over the ranks, a sweep takes
+its own, cut_r what it has at cuts, which it sweeps in phases of their own (`turns.py`), and the
+mean of all work over the ranks, a sweep takes
 
-    cost = (max_r work_r + sum over phases of max cut_ab) / mean
+    cost = (max_r work_r + max_r cut_r) / mean
 
 times what it would take if work could be divided evenly. Bodies are partitioned again where that
 has grown by `_GROWN` since the last partition: what was reached then is what can be reached, so
@@ -31,7 +31,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from xper_fx.parallel.division import partition_bodies
-from xper_fx.parallel.ownership import Meetings, owners_of_pairs
+from xper_fx.parallel.ownership import owners_of_pairs
 from xper_fx.parallel.rigid_halo import RigidHalo
 from xper_fx.support.ranks import Ranks
 
@@ -171,11 +171,8 @@ class RigidDivision:
         size = self.ranks.size
         sides = self._sides(rank_of_body, pairs)
         alone = sides[:, 0] == sides[:, 1]
-        work = np.bincount(sides[alone, 0], weights[alone], size).max()
-        met, pair = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True)
-        cut, meetings = np.bincount(pair.ravel(), weights), Meetings(size).with_pairs(met)
-        phase = meetings.of(*met.T)
-        work += sum(cut[phase == p].max() for p in range(1, meetings.num_phases + 1))
+        owner = owners_of_pairs(sides)
+        work = sum(np.bincount(owner[of], weights[of], size).max() for of in (alone, ~alone))
         return size * work / weights.sum()
 
     def _partition(self, pairs, weights, cost: float) -> None:

@@ -17,7 +17,7 @@ from xper_fx.bodies.meshes import reference_cell
 from xper_fx.nscd.facets import facet_points, facet_shapes, with_lips
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.parallel.local_bodies import LocalBodies, nodes_on_sides
-from xper_fx.parallel.ownership import Meetings, owners_by_facet, owners_by_vertex
+from xper_fx.parallel.ownership import owners_by_facet, owners_by_vertex
 from xper_fx.support.compat import geometry_dofmap
 from xper_fx.support.ranks import Ranks
 
@@ -32,8 +32,6 @@ class SharedPoints(NamedTuple):
     #: shape (num_facets with a law that are known here,), those of these facets
     facet_numbers: np.ndarray
     num_points_of_all: int  #: points on all ranks
-    phase: np.ndarray  #: shape (num_points,), as `Halo.phase`
-    meetings: Meetings  #: as of `Halo`
     asked: dict[int, np.ndarray]  #: by rank, nodes of this rank that are ghosts there
     ghosts: dict[int, np.ndarray]  #: by rank, nodes of it that are ghosts here, ascending
     points_a_facet: int  #: points on each facet
@@ -140,20 +138,12 @@ def shared_points(
     if by_vertex and turns:
         at_asked, at_wanted = ({r: at for r, (_, at) in of.items()} for of in (asked, wanted))
         at_points = at_asked, at_wanted
-    phase = np.zeros(len(points), np.int64)
-    meetings = Meetings(ranks.size)
-    if not by_vertex:
-        met = np.unique(sides, axis=0)
-        meetings = meetings.with_pairs(np.concatenate(ranks.comm.allgather(met)))
-        phase = np.repeat(meetings.of(*sides[mine].T), a_facet)[own]
     return SharedPoints(
         points,
         np.repeat(law_of_facet[mine], a_facet)[own],
         (facet_numbers[mine][:, None] * a_facet + np.arange(a_facet)).ravel()[own],
         facet_numbers,
         int(ranks.sum(len(points))),
-        phase,
-        meetings,
         {rank: own_nodes for rank, (own_nodes, _) in asked.items()},
         {rank: its_nodes for rank, (its_nodes, _) in wanted.items()},
         a_facet,

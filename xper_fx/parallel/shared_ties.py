@@ -17,10 +17,9 @@ from xper_fx.support.ranks import Ranks
 class SharedTies(NamedTuple):
     """What is a rank's of some ties."""
 
-    shared: SharedPoints  #: those on facing facets, with the ghosts and phases of all
+    shared: SharedPoints  #: those on facing facets, with the ghosts of all
     ties: list[TiedPoints]  #: on this rank's nodes and on ghosts
     numbers: list[np.ndarray]  #: of these points, among those of all ranks
-    phase: np.ndarray  #: of the points of all ties, as `Halo.phase`
 
 
 def share_ties(
@@ -35,9 +34,7 @@ def share_ties(
     """
     me, nothing = ranks.rank, np.zeros(0, np.int64)
     sides = [tie.rank[tie.points.nodes[:, :, 0]] for tie in ties]
-    meetings = shared.meetings.with_pairs(np.concatenate(sides))
     mine = [np.flatnonzero(owners_of_pairs(pairs) == me) for pairs in sides]
-    met = np.concatenate([pairs[which] for pairs, which in zip(sides, mine, strict=True)])
     own = [tie.take(which) for tie, which in zip(ties, mine, strict=True)]
     of_facets = [nothing, *shared.ghosts.values()]
     step = 1 + max(int(n.max(initial=0)) for n in [*of_facets, *(tie.node for tie in ties)])
@@ -58,7 +55,6 @@ def share_ties(
         shared._replace(
             points=shared.points.on(moved),
             num_points_of_all=int(first[-1]),
-            meetings=meetings,
             asked={r: given for r, given in enumerate(told) if given is not None},
             ghosts=wanted,
         ),
@@ -67,5 +63,4 @@ def share_ties(
             for tie, key in zip(own, keys, strict=True)
         ],
         [start + which for start, which in zip(first, mine, strict=False)],
-        meetings.of(*met.T),
     )

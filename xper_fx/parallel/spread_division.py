@@ -9,7 +9,7 @@ count as bodies of two nodes, as there; their numbers come after those of all me
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 
@@ -49,7 +49,7 @@ class SpreadDivision:
     def begin(self, interactions: Interactions, slots: np.ndarray) -> None:
         """Take the layer of points, and the slots of own nodes of the surface, by number."""
         self._first: Halo = interactions.halo
-        self._own_slots, self._meetings = slots, self._first.meetings
+        self._own_slots = slots
         here = self._rigid_here
         first = interactions.bulk_inverse.num_nodes
         self._rigid_slots = first + np.arange(here.size).reshape(here.shape)
@@ -115,10 +115,8 @@ class SpreadDivision:
         return np.concatenate([known.tables.node, MOST + np.arange(2 * len(self._moves))])
 
     def _renew(self, interactions: Interactions, known: KnownBodies) -> None:
-        ranks, me = self._ranks, self._ranks.rank
+        me = self._ranks.rank
         bodies, sides = self._pairs[:, :2], self._pairs[:, 2:]
-        met = np.concatenate(ranks.comm.allgather(np.unique(sides, axis=0)))
-        self._meetings = self._meetings.with_pairs(met)
         owner = owners_of_pairs(sides)
         own_slots, names = self._slots(known), self._names(known)
         given, ghosts = {}, {}
@@ -128,7 +126,7 @@ class SpreadDivision:
                 pairs = here & (owner == rank)
                 nodes[other] = self._nodes_of(bodies[pairs][sides[pairs] == of], known)
         given = {rank: own_slots[nodes] for rank, nodes in given.items() if len(nodes)}
-        halo = with_ghosts_of_pairs(interactions, self._first, given, self._meetings)
+        halo = with_ghosts_of_pairs(interactions, self._first, given)
         numbers, slots = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
         for rank, nodes in ghosts.items():
             if len(nodes):
@@ -137,20 +135,18 @@ class SpreadDivision:
         number, slot = np.concatenate(numbers), np.concatenate(slots)
         order = np.argsort(number)
         self._ghosts = number[order], slot[order]
+        rigid = MOST + np.repeat(np.arange(len(self._moves)), 2)
+        body = np.concatenate([known.tables.which[known.body_of_node], rigid])
+        unit_of_slot, own = np.full(halo.num_slots, -1), owner == me
+        unit_of_slot[own_slots[own_slots >= 0]] = body[own_slots >= 0]
+        unit_of_slot[slot] = body[np.searchsorted(names, number)]
+        halo.divide_pairs(bodies[own], sides[own], unit_of_slot)
 
     def _nodes_of(self, bodies: np.ndarray, known: KnownBodies) -> np.ndarray:
         """Nodes of bodies that are given by their numbers, places in `slot`, ascending."""
         there = np.isin(known.tables.which, bodies)[known.body_of_node]
         rigid = np.isin(MOST + np.arange(len(self._moves)), bodies)
         return np.flatnonzero(np.concatenate([there, np.repeat(rigid, 2)]))
-
-    def saved(self) -> dict:
-        """In which phase ranks meet, which hangs on all that was near before."""
-        return self._meetings.saved()
-
-    def restore(self, saved: Mapping) -> None:
-        """Take what `saved` gave, of as many ranks; another number of ranks meets anew."""
-        self._meetings = self._meetings.restored(saved)
 
 
 def _on(contacts: Contacts, numbers: Callable[[np.ndarray], np.ndarray]) -> Contacts:

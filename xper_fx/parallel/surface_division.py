@@ -7,9 +7,8 @@ rank that has found it sends it. The owner has the other body as *ghosts* while 
 its velocities, and its block of w. When lists change, all ranks tell each other which bodies of two
 ranks are in their lists; nothing else has to be said about who needs which ghosts. Rigid bodies
 count as bodies of two nodes, numbered after the meshed ones; those that nothing moves are on every
-rank, and their contacts on that of the other body. Which pairs of
-ranks meet in which phase (`ownership.Meetings`) only grows, so that points that last stay in their
-phase.
+rank, and their contacts on that of the other body. Pairs of lists have phases
+(`turns.py`), and contacts those of their pairs.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ import numpy as np
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.search.contact_pairs import Contacts, join
 from xper_fx.parallel.halo import Halo
-from xper_fx.parallel.ownership import Meetings, owners_of_pairs
+from xper_fx.parallel.ownership import owners_of_pairs
 from xper_fx.parallel.rigid_share import RigidShare
 from xper_fx.parallel.rows_of_all import RowsOfAll
 from xper_fx.parallel.search_division import SearchDivision
@@ -79,17 +78,16 @@ def hand_over(
 
 
 def with_ghosts_of_pairs(
-    interactions: Interactions, first: Halo, given: Mapping[int, np.ndarray], meetings: Meetings
+    interactions: Interactions, first: Halo, given: Mapping[int, np.ndarray]
 ) -> Halo:
     """Let a layer take a halo with the ghosts that contacts need; all ranks call it together.
 
     Args:
         first: its halo for its permanent points alone.
         given: own slots that other ranks want besides, by rank.
-        meetings: as of `Halo`.
     """
     before = interactions.halo
-    halo = first.extended(interactions.own_inverse, given, meetings)
+    halo = first.extended(interactions.own_inverse, given)
     moved = np.arange(before.num_slots + 1)
     moved[-1] = halo.num_slots
     for rank, slots in first.wanted.items():
@@ -160,7 +158,6 @@ class SurfaceDivision:
             nodes = self._num_nodes + 2 * self._rigid.here[:, None] + np.arange(2)
             first = interactions.bulk_inverse.num_nodes
             self.slot[nodes] = first + np.arange(nodes.size).reshape(nodes.shape)
-        self._meetings = self._first.meetings
 
     @property
     def slot_of_rigid(self) -> np.ndarray:
@@ -203,7 +200,6 @@ class SurfaceDivision:
             return
         self._pairs = pairs
         me, owner = self.ranks.rank, owners_of_pairs(sides)
-        self._meetings = self._meetings.with_pairs(sides)
         given, ghosts = {}, {}
         for other in np.setdiff1d(sides[(sides == me).any(axis=1)], [me]).tolist():
             met = (np.sort(sides, axis=1) == sorted((me, other))).all(axis=1)
@@ -211,19 +207,16 @@ class SurfaceDivision:
                 here = met & (owner == rank)
                 nodes[other] = self._nodes_of(pairs[here][sides[here] == of])
         given = {rank: self.slot[nodes] for rank, nodes in given.items() if len(nodes)}
-        halo = with_ghosts_of_pairs(interactions, self._first, given, self._meetings)
+        halo = with_ghosts_of_pairs(interactions, self._first, given)
         for rank, nodes in ghosts.items():
             if len(nodes):
                 self.slot[nodes] = halo.wanted[rank][-len(nodes) :]
+        unit_of_slot, own = np.full(halo.num_slots, -1), owner == me
+        here = (self.slot >= 0) & (self.slot < interactions.own_inverse.num_nodes)
+        there = np.concatenate([np.flatnonzero(here), *ghosts.values()])
+        unit_of_slot[self.slot[there]] = self._body_of_node[there]
+        halo.divide_pairs(pairs[own], sides[own], unit_of_slot)
 
     def _nodes_of(self, bodies: np.ndarray) -> np.ndarray:
         """Nodes of bodies that something may touch, ascending."""
         return np.flatnonzero(self._touchable & np.isin(self._body_of_node, bodies))
-
-    def saved(self) -> dict:
-        """In which phase ranks meet, which hangs on all that was near before."""
-        return self._meetings.saved()
-
-    def restore(self, saved: Mapping) -> None:
-        """Take what `saved` gave, of as many ranks; another number of ranks meets anew."""
-        self._meetings = self._meetings.restored(saved)

@@ -397,8 +397,6 @@ class Detection:
             if self._shared is not None and out["surfaces"]:
                 self._shared.fill_in(out["surfaces"]["x"])
             out |= self._lips.saved()
-        if self._shared is not None:
-            out["shared"] = self._shared.saved()
         return out
 
     def restore(self, saved: Mapping) -> None:
@@ -410,5 +408,3 @@ class Detection:
         if self._surfaces is not None and "surfaces" in saved:
             self._lips.restore(saved)
             self._surfaces.lists.restore(saved["surfaces"])
-        if self._shared is not None and "shared" in saved:
-            self._shared.restore(saved["shared"])

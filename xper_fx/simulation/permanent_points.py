@@ -65,7 +65,6 @@ class ScenePoints:
         self._points, self._law_of_point = [], [np.zeros(0, int)]
         self._ties = ties if part is not None else [tied.on(tied.node) for tied in ties]
         self._numbers: list[np.ndarray] = []
-        self._phase: list[np.ndarray] = []
         self._on_walls: list[np.ndarray] = []
         if scene.bodies is not None:
             self._take_facets()
@@ -170,7 +169,6 @@ class ScenePoints:
         self.facet_numbers = shared.facet_numbers
         self.points_a_facet = shared.points_a_facet
         self._numbers.append(shared.numbers)
-        self._phase.append(shared.phase)
         if self._ties:
             from xper_fx.parallel.shared_ties import share_ties
 
@@ -178,7 +176,6 @@ class ScenePoints:
             shared = self._shared = given.shared
             self._ties = given.ties
             self._numbers += given.numbers
-            self._phase.append(given.phase)
         self._num_points_of_all = shared.num_points_of_all
         self._ground += sum(map(len, shared.ghosts.values()))
         self._points.append(shared.points)
@@ -288,23 +285,18 @@ class ScenePoints:
         slot = np.full(self._ground + 1, blocks.num_nodes)
         slot[inverse.nodes] = np.arange(len(inverse.nodes))
         halo = None if self._shared is None else self._halo(blocks, slot)
-        if not self._points:
-            return no_points(self._bulk.dim), halo
-        return join_points(self._points).on(slot), halo
+        points = join_points(self._points).on(slot) if self._points else no_points(self._bulk.dim)
+        if halo is not None and not self._by_vertex:
+            halo.divide(points)
+        return points, halo
 
     def _halo(self, blocks: BodyInverse, slot: np.ndarray) -> Halo:
         """What is exchanged with other ranks; the slots of ghosts and ground are set."""
         from xper_fx.parallel.halo import Halo
 
         shared, numbers = self._shared, np.concatenate(self._numbers)
-        phase = np.zeros(len(numbers), int)
-        joins = np.concatenate(self._phase)
-        phase[: len(joins)] = joins
-        halo = Halo(
-            self._bulk.ranks, blocks,
-            {rank: slot[asked] for rank, asked in shared.asked.items()},
-            shared.meetings, numbers, phase, shared.at_points,
-        )  # fmt: skip
+        given = {rank: slot[asked] for rank, asked in shared.asked.items()}
+        halo = Halo(self._bulk.ranks, blocks, given, numbers, shared.at_points)
         slot[self._num_nodes : -1] = np.concatenate(
             [np.zeros(0, int), *(halo.wanted[rank] for rank in shared.ghosts)]
         )

@@ -117,9 +117,8 @@ class SpreadDetection(Detection):
 
     def saved(self) -> dict:
         """Broken lips and those that have retired; lists are made anew."""
-        return {**self._lips.saved(), "shared": self._shared.saved()}
+        return self._lips.saved()
 
     def restore(self, saved: Mapping) -> None:
         """Take what `saved` gave, its rows in order."""
         self._lips.restore(saved)
-        self._shared.restore(saved["shared"])

@@ -2,8 +2,8 @@
 """Ranks that simulate a scene together, and what they have to agree on.
 
 Sums are made in the order of the ranks, on every rank: all get the same bits, so that decisions
-(cut a step, stop a solver) are the same everywhere without being told. Of very many ranks they go
-up a tree to the first one, and what it has found goes down to all.
+(cut a step, stop a solver) are the same everywhere without being told. Of very many ranks MPI makes
+them: by its standard "the result" of MPI_Allreduce is in the buffers of all (MPI 4.0, 6.9.6).
 """
 
 from __future__ import annotations
@@ -16,15 +16,7 @@ from mpi4py import MPI
 
 # Ranks up to which each has the values of all, and adds them up itself.
 _FEW = 64
-
-
-def _larger(given, found, _) -> None:
-    """The larger of doubles, or NaN where one is, which MPI_MAX may pass by."""
-    found = np.frombuffer(found)
-    np.maximum(np.frombuffer(given), found, out=found)
-
-
-_LARGEST = MPI.Op.Create(_larger, commute=True)
+_NOTHING = np.zeros(0)
 
 
 class Ranks:
@@ -44,21 +36,37 @@ class Ranks:
 
     def sum(self, value):
         """Sum of numbers, or of arrays of one shape, in double precision."""
-        return value if self.alone else _plain(self._reduced(value, np.add, MPI.SUM))
+        return value if self.alone else self.sum_and_max(value, _NOTHING)[0]
 
     def max(self, value):
         """Largest of numbers, or of arrays of one shape entry by entry, in double precision."""
-        return value if self.alone else _plain(self._reduced(value, np.maximum, _LARGEST))
+        return value if self.alone else self.sum_and_max(_NOTHING, value)[1]
 
-    def _reduced(self, value, here: np.ufunc, on_the_way: MPI.Op) -> np.ndarray:
-        """The values of all ranks as one, made here or on their way through the tree."""
+    def sum_and_max(self, added, compared):
+        """Sum of the first and largest of the second, which wait for other ranks once.
+
+        What is no number (NaN) on a rank is none in what all get.
+        """
+        if self.alone:
+            return added, compared
+        added, compared = (np.asarray(v, np.float64, order="C") for v in (added, compared))
         if self.size <= _FEW:
-            return here.reduce(self._of_all(value), axis=0)
-        own = np.ascontiguousarray(value, np.float64)
-        found = np.empty(np.shape(value))
-        self.comm.Reduce(own, found, on_the_way)
-        self.comm.Bcast(found)
-        return found
+            of_all = self._of_all(np.concatenate([added.ravel(), compared.ravel()]))
+            total = np.add.reduce(of_all[:, : added.size], axis=0)
+            largest = np.maximum.reduce(of_all[:, added.size :], axis=0)
+        else:
+            total, missing = np.empty(added.size), np.isnan(compared).ravel()
+            # MPI_MAX may pass by what is no number
+            told = np.concatenate([np.where(missing, -np.inf, compared.ravel()), missing])
+            found, waiting = np.empty_like(told), []
+            if added.size:
+                waiting.append(self.comm.Iallreduce(added, total, MPI.SUM))
+            if compared.size:
+                waiting.append(self.comm.Iallreduce(told, found, MPI.MAX))
+            MPI.Request.Waitall(waiting)
+            largest, missing = np.split(found, 2)
+            largest[missing > 0.0] = np.nan
+        return _plain(total.reshape(added.shape)), _plain(largest.reshape(compared.shape))
 
     def _of_all(self, value) -> np.ndarray:
         """The values of all ranks, in their order.
@@ -83,7 +91,7 @@ class Ranks:
         """Whether something holds on all ranks."""
         if self.alone:
             return bool(condition)
-        return bool(self._reduced(not condition, np.maximum, _LARGEST) == 0.0)
+        return self.max(float(not condition)) == 0.0
 
     def together(self, call: Callable[[], Any]) -> Any:
         """Let each rank do something; what the first that fails raises is raised on all.

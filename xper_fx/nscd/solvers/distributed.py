@@ -63,11 +63,17 @@ class DistributedSweeps(Solver):
         interactions.add_velocity(velocity)
         sweep = prepare_sweep(interactions, velocity, options)
         bodies = _Bodies(interactions, free)
-        least = interactions.rounding(velocity) / tolerance
+        speed, least = float(np.abs(velocity).max(initial=0.0)), None
         changes: list[float] = []
         for count in range(1, max_sweeps + 1):
             sweep_ranks(interactions, sweep, velocity)
-            changed, total = halo.ranks.sum(sweep.stats[:, :2].sum(axis=0)).tolist()
+            squares = sweep.stats[:, :2].sum(axis=0)
+            if least is None:
+                squares, speed = halo.ranks.sum_and_max(squares, speed)
+                least = interactions.rounding_at(speed) / tolerance
+            else:
+                squares = halo.ranks.sum(squares)
+            changed, total = squares.tolist()
             if not np.isfinite(changed):
                 return SolveReport(False, count, np.inf, np.inf, "distributed")
             total = max(total, least * least)
@@ -81,8 +87,8 @@ class DistributedSweeps(Solver):
             ):
                 continue
             halo.everywhere.forward(velocity)
-            if interactions.evolve(velocity) <= tolerance:
-                largest = halo.ranks.max(sweep.largest_change())
+            evolved, largest = interactions.evolve_and_compare(velocity, sweep.largest_change())
+            if evolved <= tolerance:
                 traction = np.sqrt(largest) / interactions.step_size
                 return SolveReport(True, count, error, traction, "distributed")
         rate = contraction(np.array(changes))

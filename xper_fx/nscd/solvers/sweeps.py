@@ -75,19 +75,19 @@ def prepare_sweep(interactions: Interactions, velocity: np.ndarray, options: Sol
 def sweep_ranks(interactions: Interactions, sweep: Sweep, velocity: np.ndarray) -> None:
     """One sweep over the marked tiles of all points; all ranks call it together.
 
-    Ghosts that no point of the last phase moved lag behind their owners afterwards.
+    Velocities go on from rank to rank after each phase; those of ghosts lag behind afterwards.
 
     Args:
         sweep: over them.
         velocity: shape (num_slots * dim,), that of the sweep.
     """
     halo = interactions.halo
-    exchanges = () if halo is None else halo.phases
+    exchanges = () if halo is None else halo.turns
     phases = [g.phase for g in interactions.groups]
-    for phase, exchange in enumerate(exchanges, start=1):
+    for phase, exchange in enumerate(exchanges):
+        if phase > 0:
+            _sweep_phase(sweep, phases, phase)
         exchange.forward(velocity)
-        _sweep_phase(sweep, phases, phase)
-        exchange.back(velocity)
     _sweep_phase(sweep, phases, 0)
     if halo is not None and halo.copies > 1:
         halo.settle(velocity)
