@@ -158,7 +158,9 @@ def report(rows: list[dict]) -> None:
         names = [n for n in TIMED if n in of[0]]
         print(f"\n{scheme} bulk, processor time on one thread (s)")
         print(
-            f"{'points':>9}" + "".join(f"{n:>17}" for n in names) + "   bytes a point   highest MB   step / copy"
+            f"{'points':>9}"
+            + "".join(f"{n:>17}" for n in names)
+            + "   bytes a point   highest MB   step / copy"
         )
         for row in of:
             arrays = sum(row["arrays"].values()) / row["points"]
