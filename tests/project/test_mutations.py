@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import ast
 import shlex
 import sys
 from collections import Counter
@@ -41,7 +40,7 @@ def test_every_mutation_applies_once_and_is_python(mutation):
     text = (CHECKOUT / "xper_fx" / mutation.file).read_text()
     broken = mutation.broken(text)
     assert broken != text
-    ast.parse(broken, mutation.file)
+    compile(broken, mutation.file, "exec")
     assert mutation.breaks and not mutation.breaks.endswith(".")
 
 
