@@ -59,6 +59,13 @@ def test_nothing_is_whole_on_a_rank(folder):
     assert held["divided"].min() > 1.4 * one
 
 
+def test_a_rank_is_told_of_tied_surfaces_what_its_own_may_face(folder):
+    """Of two ties, between blocks of several ranks, whole meshes and spread ones alike."""
+    told, one = np.load(folder / "held.npz")["ties"], spread_scenes.told_of_ties(COMM)
+    assert told.max() <= 0.6 * one
+    assert told.sum(axis=0).max() <= 1.03 * one
+
+
 def test_a_body_goes_to_the_rank_that_has_most_of_it(folder):
     """The balance stays: each rank loses one cell of its block's, and gains one."""
     labels, change = np.load(folder / "balance.npz")["cells"].T

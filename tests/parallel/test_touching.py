@@ -19,7 +19,8 @@ import touching_bodies
 # bonds that break, in small strain, turning and with an explicit bulk, there also with vertices
 # that split, at either strain, and a block that has none alone on its rank, friction that weakens,
 # and rigid bodies: discs that break a plate on an anvil, jointed ones, spheres and a box in space,
-# and such beside vertices that split, where walls are, too.
+# and such beside vertices that split, also jointed and
+# rolling ones, where walls are, too.
 SCENES = {
     2: ("cloud", "explicit", "boxes", "heap", "shards", "turning_shards", "explicit_shards",
         "split_shards", "slide", "struck", "rammed", "pelted",
@@ -36,6 +37,7 @@ ENERGIES = ("kinetic", "elastic", "external_work", "dissipated_friction", "dissi
 FREE = ("cloud", "explicit", "boxes", "shards", "explicit_shards", "split_shards", "lone",
         "pelted", "split_pelted", "turning_split_shards", "turning_lone")  # fmt: skip
 
+JOINTED = ("rammed", "split_struck", "turning_split_struck")
 RIGID = ("struck", "rammed", "pelted", "split_struck", "turning_split_struck", "split_pelted")
 
 # Points without arrays at the end: of lips that the search has taken over, and of vertices that
@@ -87,8 +89,9 @@ def test_ranks_agree(found, name, count):
         np.testing.assert_allclose(many["jump"][-20:], one["jump"][-20:], rtol=0, atol=1e-9)
     each = () if name in WEDGED else ("contact_force",)
     solids = ("solids",) if name in RIGID else ()
-    if name == "rammed":
+    if name in JOINTED:
         solids += ("joint_force",)
+    if name == "rammed":
         # of the two that joints join on either side, seven rows and four, each is on one rank
         assert np.sort(many["rows"]).tolist()[-2:] == [4, 7] and sum(many["rows"]) == 11
         assert np.abs(many["closure"]).max() <= 1e-12 * energies

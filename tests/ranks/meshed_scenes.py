@@ -147,12 +147,12 @@ def unmatched(joined, planes):
     return mesh, meshtags(mesh, tdim - 1, tags.indices, values.astype(np.int32))
 
 
-def tied():
+def tied(coarse=4, fine=6):
     """A coarse box of blocks and a fine one beside it, tied by bonds that turn, half by half."""
     loads, start = stretched(1.0)
     halves = [
         crossed_rectangle((first, 0.0), (first + 0.5, 1.0), (cells // 2, cells))
-        for first, cells in ((0.0, 4), (0.5, 6))
+        for first, cells in ((0.0, coarse), (0.5, fine))
     ]
     mesh, tags = unmatched(
         join_meshes(halves),

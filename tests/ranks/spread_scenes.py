@@ -20,6 +20,7 @@ from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.nscd.laws.fields import Uniform
 from xper_fx.output import row_blocks
 from xper_fx.parallel.launch import run_together
+from xper_fx.scene.tie import tie_points
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.compat import geometry_dofmap
 
@@ -52,6 +53,15 @@ def held(comm: MPI.Comm) -> float:
     scene = xf.Scene(bodies, {1: meshed_scenes.ELASTIC}, default_interaction=bond)
     simulation = Simulation(scene, scheme="explicit")
     return bytes_held(simulation) / simulation.bodies.num_bodies
+
+
+def told_of_ties(comm: MPI.Comm) -> int:
+    """Bytes of the tied surfaces, and points on them, that this rank knows at set-up."""
+    scenes.COMM = comm
+    scene, options, _ = meshed_scenes.tied(16, 24)
+    simulation, bodies = Simulation(scene, **options), scene.bodies
+    V, part, ranks = simulation.forms.V, simulation.part, simulation.ranks
+    return bytes_held([tie_points(tie, V, bodies, part, ranks, True) for tie in scene.ties])
 
 
 def bytes_held(holder: object) -> int:
@@ -156,6 +166,8 @@ def main() -> None:
         elif name == "held":
             spread, divided = held(WORLD), held(MPI.COMM_SELF)
             found = {"spread": WORLD.gather(spread), "divided": WORLD.gather(divided)}
+            ties = told_of_ties(WORLD), told_of_ties(MPI.COMM_SELF)
+            found["ties"] = WORLD.gather(ties)
         elif name == "balance":
             found = {"cells": WORLD.gather(blocks_of_one_rank())}
         elif name == "wrong":

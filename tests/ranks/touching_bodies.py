@@ -246,10 +246,14 @@ def struck():
 
 
 def split_struck():
-    """Cells that initially rigid bonds join, drawn out of shape, fly into discs and on a floor."""
+    """Cells that initially rigid bonds join, drawn out of shape, fly into discs and on a floor.
+
+    Discs resist rolling on each other; one tows an arm that a wire holds.
+    """
     solids = [
         RigidBody(Disc(0.15), (1.17, 0.53), "ball", density=5.0, velocity=(-1.0, 0.1), spin=2.0),
         RigidBody(Disc(0.1), (1.45, 0.57), "ball", density=20.0, velocity=(-1.5, 0.0)),
+        RigidBody(Polygon.box((0.4, 0.05)), (1.65, 0.57), "arm", density=5.0, velocity=(-1.5, 0.0)),
         wall((0.0, -0.05), (0.0, 1.0), "floor"),
     ]
     scene = Scene(
@@ -258,9 +262,13 @@ def split_struck():
         contacts=[
             Contact(pair, RUB)
             for pair in (
-                ("plate", "plate"), ("plate", "ball"), ("ball", "ball"), ("plate", "floor"),
-                ("ball", "floor"),
+                ("plate", "plate"), ("plate", "ball"), ("plate", "floor"), ("ball", "floor"),
             )
+        ] + [Contact(("ball", "ball"), SignoriniCoulomb(0.4, rolling=0.2))]
+        + [Contact((name, "arm"), None) for name in ("plate", "ball", "arm", "floor")],
+        joints=[
+            Hinge((solids[1], solids[2]), at=(1.45, 0.57), friction=0.05, limits=(-0.1, 0.1)),
+            Tendon((None, solids[2]), at=[(2.2, 0.9), (1.85, 0.57)], stiffness=20.0, prestress=1.0),
         ],
         initial_velocity=lambda x: np.stack([1.0 + 0.5 * (x[0] - 1.0), 4.0 * (x[1] - 0.5)]),
     )  # fmt: skip
@@ -394,7 +402,7 @@ def run(name: str) -> dict[str, np.ndarray]:
         found |= {"joint_force": np.column_stack(find_joint_forces(simulation)), "rows": rows}
     interactions = simulation.interactions
     contacts = sum(map(len, interactions.contacts))
-    others = contacts + sum(map(len, interactions.joints))
+    others = sum(map(len, interactions.passing))
     permanent = simulation.ranks.sum(sum(map(len, interactions.groups)) - others)
     if simulation.rigid is not None:
         state = simulation.rigid.state

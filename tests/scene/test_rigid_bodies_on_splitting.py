@@ -3,9 +3,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import box_bodies
+from scipy.spatial.transform import Rotation
 
 import xper_fx as xf
 from xper_fx.nscd.splitting.splitting_vertices import SplittingVertices
@@ -34,15 +37,19 @@ def strikers(dim, speed):
     ]
 
 
-def struck(dim, bonds, rigid, *, label=None, among=LAW, step=None, tolerance=1e-12):
+def struck(
+    dim, bonds, rigid, *, label=None, among=LAW, joints=(), step=None, tolerance=1e-12
+):  # fmt: skip
     kind, lengths, cells = PLATES[dim]
     group = rigid[0].group
     contacts = [xf.Contact((group, "plate"), LAW), xf.Contact(("plate", "plate"), LAW)]
     if len(rigid) > 1:
         contacts.append(xf.Contact((group, group), among))
+    if joints:
+        contacts += [xf.Contact((name, "arm"), None) for name in ("plate", group, "arm")]
     scene = xf.Scene(
         box_bodies(lengths, cells, kind, label), {1: ELASTIC}, default_interaction=bonds,
-        rigid=rigid, surfaces={"plate": (1,)}, contacts=contacts,
+        rigid=rigid, surfaces={"plate": (1,)}, contacts=contacts, joints=joints,
     )  # fmt: skip
     options = {"tolerance": tolerance, "num_threads": 1, "forgiving": True}
     return xf.Simulation(scene, step, scheme="explicit", **options)
@@ -123,9 +130,44 @@ def test_a_run_that_is_taken_up_goes_on_to_the_bit(dim):
     assert np.array_equal(whole.rigid.state.velocity, again.rigid.state.velocity)
 
 
-def test_what_resists_rolling_is_solved_with_all_points():
-    discs = [strikers(2, 0.1)[0]]
-    discs.append(xf.RigidBody(xf.rigid.Disc(0.2), (3.0, 3.0), "thrown", density=1.0))
-    rolls = xf.laws.SignoriniCoulomb(0.3, rolling=0.1)
-    solvers = [struck(2, UNBREAKABLE, discs, among=law).solver for law in (LAW, rolls)]
-    assert [isinstance(solver, SplittingVertices) for solver in solvers] == [True, False]
+@in_both
+def test_joints_and_what_resists_rolling_act_beside_vertices_that_split(dim):
+    """A ball that tows an arm rolls on one that strikes a plate, which is cut or one body."""
+
+    def run(bonds, **options):
+        ball = strikers(dim, 0.1)[0]
+        side, *_, up = np.eye(dim)
+        at = np.array(ball.position) + 0.401 * up
+        still = {2: 0.0, 3: np.zeros(3)}[dim]
+        other = replace(ball, position=at, velocity=-0.15 * up, spin=still)
+        shape, turn, along = xf.rigid.Polygon.box((0.6, 0.1)), {"angle": 0.3}, {}
+        if dim == 3:
+            shape, along = xf.rigid.Polyhedron.box((0.6, 0.1, 0.2)), {"axis": (0.2, 1.0, 0.1)}
+            turn = {"rotation": Rotation.from_rotvec((0.3, -0.4, 0.2))}
+        arm = xf.RigidBody(
+            shape, at + 0.4 * side, "arm", density=3.0, velocity=other.velocity, **turn
+        )
+        lifted = dict.fromkeys(range(3 * dim - 3), 0.0) | {dim - 1: 0.1}
+        hook = xf.RigidBody(ball.shape, at, "arm", prescribed=lifted)
+        joints = [
+            xf.Hinge((arm, other), at=at + 0.2 * side, friction=1e-3, **along),
+            xf.Tendon((hook, ball), at=[at, ball.position], stiffness=0.1, prestress=0.01),
+        ]
+        rolls, rigid = xf.laws.SignoriniCoulomb(0.3, rolling=0.02), [ball, other, arm, hook]
+        simulation = struck(dim, bonds, rigid, among=rolls, joints=joints, **options)
+        list(simulation.steps(60 * simulation.step_size))
+        return simulation
+
+    split = run(UNBREAKABLE)
+    one = run(None, label=0, step=split.step_size)
+    assert isinstance(split.solver, SplittingVertices)
+    assert not isinstance(one.solver, SplittingVertices)
+    states = [s.rigid.state for s in (split, one)]
+    assert states[0].velocity == pytest.approx(states[1].velocity, abs=1e-10)
+    forces = [np.column_stack(xf.output.find_joint_forces(s)) for s in (split, one)]
+    assert np.abs(forces[1]).max() > 1e-3
+    assert forces[0] == pytest.approx(forces[1], abs=1e-8)
+    assert abs(split.ledger.closure) < 1e-12
+    for name in ("kinetic", "elastic", "external_work", "dissipated_friction"):
+        of_split, of_one = (getattr(s.ledger.energies, name) for s in (split, one))
+        assert of_split == pytest.approx(of_one, rel=1e-8)

@@ -120,6 +120,23 @@ def send(ranks: Ranks, to: npt.NDArray[np.integer], *arrays: np.ndarray) -> list
     return ranks.comm.alltoall([tuple(array[mine] for array in arrays) for mine in rows])
 
 
+def places_of_keys(ranks: Ranks, to: np.ndarray, keys: np.ndarray) -> np.ndarray:
+    """Places of keys among those of all ranks, each of which counts once, in their order.
+
+    All ranks call it together.
+
+    Args:
+        to: shape (n,), ascending: rank that counts each key, the same for a key on all ranks; a
+            larger key is counted by no lower rank.
+        keys: shape (n,), whole numbers.
+    """
+    asked = send(ranks, to, keys)
+    kept = np.unique(np.concatenate([theirs for (theirs,) in asked]))
+    first = ranks.before(len(kept))
+    answers = ranks.comm.alltoall([first + np.searchsorted(kept, theirs) for (theirs,) in asked])
+    return np.concatenate(answers)
+
+
 def _rank_with_most(ranks: Ranks, label: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
     """Rank that has most cells of the body of each cell."""
     own, place, count = np.unique(label, return_inverse=True, return_counts=True)

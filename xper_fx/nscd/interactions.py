@@ -326,7 +326,7 @@ class Interactions(SteppedPoints):
         self.renewals += 1
 
     def _join_groups(self) -> None:
-        self.groups = self._permanent.groups + self.joints + self.contacts + self.rolling
+        self.groups = self._permanent.groups + self.passing
 
     def deactivate(self, indices: np.ndarray) -> None:
         """Take permanent points out, for good; what `gather` gives of them is zero.

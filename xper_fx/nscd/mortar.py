@@ -34,7 +34,7 @@ import scipy.sparse as sp
 from scipy.spatial import cKDTree
 
 from xper_fx.cache import njit
-from xper_fx.nscd.facets import nodal_shares
+from xper_fx.nscd.facets import no_points, nodal_shares
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
 
 if TYPE_CHECKING:
@@ -50,10 +50,26 @@ _APART, _SLIVER = 1e-6, 1e-9
 _UNCOVERED = 1e-6
 
 
+class TiedSurface(NamedTuple):
+    """Facets of a surface, with all that points on them ask for."""
+
+    number: np.ndarray  #: shape (num_facets, dim), numbers of nodes that all ranks have alike
+    node: np.ndarray  #: shape (num_facets, dim), numbers of nodes on their rank
+    x: np.ndarray  #: shape (num_facets, dim, dim), positions of nodes (m)
+    inside: np.ndarray  #: shape (num_facets, dim), a point within the cell of each
+    body: np.ndarray  #: shape (num_facets,), numbers that all ranks have alike
+    rank: np.ndarray  #: shape (num_facets,)
+
+    def take(self, which: np.ndarray) -> TiedSurface:
+        """Some of the facets."""
+        return TiedSurface(*(array[which] for array in self))
+
+
 class TiedPoints(NamedTuple):
-    """Points of a tie: those of all ranks, or what `share_ties` has left of them for one."""
+    """Points of a tie."""
 
     points: InteractionPoints  #: on nodes that are rows of the last two arrays
+    number: np.ndarray  #: shape (num_points,), by which they are in order on all ranks
     x: np.ndarray  #: shape (num_points, dim), where they are (m)
     #: shape (num_points, 2), candidate and antagonist, by numbers that all ranks have alike
     bodies: np.ndarray
@@ -63,8 +79,9 @@ class TiedPoints(NamedTuple):
     def take(self, which: np.ndarray) -> TiedPoints:
         """Some of the points."""
         return self._replace(
-            points=self.points.take(which), x=self.x[which], bodies=self.bodies[which]
-        )
+            points=self.points.take(which), number=self.number[which], x=self.x[which],
+            bodies=self.bodies[which],
+        )  # fmt: skip
 
     def on(self, nodes: np.ndarray) -> TiedPoints:
         """The points on nodes that `nodes`, shape (num_nodes,), has in the places of these."""
@@ -106,6 +123,8 @@ def nonmatching_points(
                 f" of order 1, got facets of {nodes.shape[1]} nodes: take triangles or tetrahedra "
                 "of order 1."
             )
+    if not len(candidates):
+        return no_points(dim)
     normal, measure = _outward(x, candidates, inside)
     nodes, place = np.unique(candidates, return_inverse=True)
     place = place.reshape(candidates.shape)
@@ -217,7 +236,8 @@ def _neighbours(x, candidates, antagonists) -> np.ndarray:
         centre = corners.mean(axis=1)
         centres.append(centre)
         radii.append(np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1))
-    near = cKDTree(centres[1]).query_ball_point(centres[0], radii[0] + radii[1].max())
+    reach = radii[0] + radii[1].max(initial=0.0)
+    near = cKDTree(centres[1]).query_ball_point(centres[0], reach)
     pairs = np.stack(
         [np.repeat(np.arange(len(near)), [len(n) for n in near]), np.concatenate(near)], axis=1
     ).astype(np.int64)
@@ -262,7 +282,7 @@ def _collocated(x, nodes, antagonists) -> sp.csr_array:
     """N_l at each candidate node by rows."""
     corners = x[antagonists]
     size = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
-    near = cKDTree(corners.mean(axis=1)).query_ball_point(x[nodes], 1.001 * size.max())
+    near = cKDTree(corners.mean(axis=1)).query_ball_point(x[nodes], 1.001 * size.max(initial=0.0))
     row = np.repeat(np.arange(len(nodes)), [len(n) for n in near])
     facet = np.concatenate(near).astype(np.int64)
     base, edges = corners[facet, 0], corners[facet, 1:] - corners[facet, :1]

@@ -362,8 +362,8 @@ class SteppedPoints(PointValues):
         """H r: impulses of the current step on the interacting nodes, shape (num_slots, dim)."""
         if self.fused is not None:
             total = self.fused.impulses
-            if self.contacts or self.halo is not None:  # those of vertices stay as they are
-                total = total + self.spread(self.contacts)
+            if self.passing or self.halo is not None:  # those of vertices stay as they are
+                total = total + self.spread(self.passing)
         else:
             total = self.spread(self.groups)
         if self.halo is not None:
@@ -387,6 +387,11 @@ class SteppedPoints(PointValues):
     def contacts(self) -> list[PointGroup]:
         """The groups of contacts that were found."""
         return self._found.groups
+
+    @property
+    def passing(self) -> list[PointGroup]:
+        """The groups of all points that are not permanent."""
+        return self.joints + self.contacts + self.rolling
 
     def impulse_energy_norm(self, free: np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
         """|w H r| of the present impulses in the norm of the kinetic energy, and its rounding.

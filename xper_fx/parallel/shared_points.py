@@ -159,13 +159,9 @@ def _numbers(bodies: Bodies, facets: FacingFacets, ranks: Ranks) -> np.ndarray:
     """
     if bodies.spread is None:
         return np.arange(len(facets))
-    from xper_fx.bodies.spread import send
+    from xper_fx.bodies.spread import places_of_keys
 
     low, high = np.sort(bodies.parent_cell[facets.cells], axis=1).T
     num_cells = bodies.spread.num_cells
-    # facets come in this order, and so do the rows that go to the ranks one after another
-    asked = send(ranks, low * ranks.size // num_cells, low * num_cells + high)
-    kept = np.unique(np.concatenate([keys for (keys,) in asked]))
-    first = ranks.before(len(kept))
-    answers = ranks.comm.alltoall([first + np.searchsorted(kept, keys) for (keys,) in asked])
-    return np.concatenate(answers)
+    # facets come in this order
+    return places_of_keys(ranks, low * ranks.size // num_cells, low * num_cells + high)

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from xper_fx.nscd.mortar import TiedPoints
-from xper_fx.parallel.ownership import owners_of_pairs
 from xper_fx.parallel.shared_points import SharedPoints
+from xper_fx.parallel.tied_surfaces import handed_over
 from xper_fx.support.ranks import Ranks
 
 
@@ -29,19 +29,18 @@ def share_ties(
 
     Args:
         shared: points on facing facets, which are not solved vertex by vertex.
-        ties: the points of all ranks.
+        ties: the points that each rank has found.
         num_nodes: nodes among this rank's unknowns; ghosts are numbered after them.
     """
     me, nothing = ranks.rank, np.zeros(0, np.int64)
-    sides = [tie.rank[tie.points.nodes[:, :, 0]] for tie in ties]
-    mine = [np.flatnonzero(owners_of_pairs(pairs) == me) for pairs in sides]
-    own = [tie.take(which) for tie, which in zip(ties, mine, strict=True)]
+    counts = [int(ranks.sum(len(tie.number))) for tie in ties]
+    ties = [handed_over(tie, ranks) for tie in ties]
     of_facets = [nothing, *shared.ghosts.values()]
     step = 1 + max(int(n.max(initial=0)) for n in [*of_facets, *(tie.node for tie in ties)])
     old = np.concatenate([nothing, *(rank * step + n for rank, n in shared.ghosts.items())])
     keys = [tie.rank * step + tie.node for tie in ties]
     named = [old]
-    for tie, key in zip(own, keys, strict=True):
+    for tie, key in zip(ties, keys, strict=True):
         lips = nothing if tie.points.lips is None else tie.points.lips.nodes.ravel()
         there = np.unique(np.concatenate([tie.points.nodes.ravel(), lips]))
         named.append(key[there][tie.rank[there] != me])
@@ -50,7 +49,7 @@ def share_ties(
     rank, node = np.divmod(ghosts, step)
     wanted = {r: node[rank == r] for r in np.unique(rank).tolist()}
     told = ranks.comm.alltoall([wanted.get(r) for r in range(ranks.size)])
-    first = shared.num_points_of_all + np.cumsum([0, *(len(tie.x) for tie in ties)])
+    first = shared.num_points_of_all + np.cumsum([0, *counts])
     return SharedTies(
         shared._replace(
             points=shared.points.on(moved),
@@ -60,7 +59,7 @@ def share_ties(
         ),
         [
             tie.on(np.where(tie.rank == me, tie.node, num_nodes + np.searchsorted(ghosts, key)))
-            for tie, key in zip(own, keys, strict=True)
+            for tie, key in zip(ties, keys, strict=True)
         ],
-        [start + which for start, which in zip(first, mine, strict=False)],
+        [start + tie.number for start, tie in zip(first, ties, strict=False)],
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from xper_fx.bodies.meshes import facet_cells, midpoints_of
 from xper_fx.nscd.laws.law import Law
-from xper_fx.nscd.mortar import RULES, TiedPoints, nonmatching_points
+from xper_fx.nscd.mortar import RULES, TiedPoints, TiedSurface, nonmatching_points
 from xper_fx.scene.facet_laws import require_law
 from xper_fx.support.checks import require_integer
 
@@ -81,10 +81,9 @@ class Tie:
 def tie_points(
     tie: Tie, V: FunctionSpace, bodies: Bodies, part: LocalBodies | None, ranks: Ranks, turns: bool
 ) -> TiedPoints:
-    """Points of a tie, on the nodes of a space of order 1; all ranks call it together.
+    """Points of a tie on this rank's candidates, on the nodes of a space of order 1.
 
-    Each rank is told the surfaces of all and finds the same points: which nodes face which is known
-    to none of them alone.
+    All ranks call it together.
 
     Args:
         V: vector Lagrange space of order 1 on the mesh of this rank's bodies.
@@ -95,6 +94,26 @@ def tie_points(
     Raises:
         ValueError: the surfaces do not fit each other (`nonmatching_points`).
     """
+    candidates, antagonists = surfaces = _surfaces(tie, V, bodies, part, ranks.rank)
+    if not ranks.alone:
+        from xper_fx.parallel.tied_surfaces import in_reach
+
+        surfaces = candidates, in_reach(candidates, antagonists, ranks)
+    points = ranks.together(lambda: _points_of(tie, *surfaces, turns))
+    if ranks.alone:
+        return points
+    from xper_fx.bodies.spread import places_of_keys
+
+    spread, keys = bodies.spread, points.number
+    cells = len(bodies.body_of_cell) if spread is None else spread.num_cells
+    keeper = keys // V.dofmap.list.shape[1] * ranks.size // cells
+    return points._replace(number=places_of_keys(ranks, keeper, keys))
+
+
+def _surfaces(
+    tie: Tie, V: FunctionSpace, bodies: Bodies, part: LocalBodies | None, rank: int
+) -> list[TiedSurface]:
+    """Candidates and antagonists of this rank; arguments as of `tie_points`."""
     if part is None:
         own, body, cell = bodies, np.arange(bodies.num_bodies), np.arange(len(V.dofmap.list))
     else:
@@ -109,24 +128,32 @@ def tie_points(
     named, first = np.unique(dofmap, return_index=True)
     number = np.empty(len(x), np.int64)
     number[named] = cell[first // dofmap.shape[1]] * dofmap.shape[1] + first % dofmap.shape[1]
-    told = []
+    out = []
     for tag in (tie.candidates, tie.antagonists):
         facets = own.facet_tags.find(tag)
         cells = cells_of_facet[facets]
-        nodes = dofmap[cells[:, None], facet_dofs[local[facets]]].ravel()
-        of_rank, inside = np.full(len(nodes), ranks.rank), midpoints_of(x, dofmap[cells])
-        of_body = body[own.body_of_cell[cells]].repeat(dim)
-        told.append((number[nodes], nodes, of_rank, of_body, x[nodes], inside))
-    heard = [told] if ranks.alone else ranks.comm.allgather(told)
-    surfaces = [
-        tuple(map(np.concatenate, zip(*of_ranks, strict=True)))
-        for of_ranks in zip(*heard, strict=True)
-    ]
-    number, node, rank, body, x, _ = map(np.concatenate, zip(*surfaces, strict=True))
-    _, one, place = np.unique(number, return_index=True, return_inverse=True)
-    node, rank, body, x = node[one], rank[one], body[one], x[one]
-    corners = place.reshape(-1, dim)
-    count, inside = len(surfaces[0][-1]), surfaces[0][-1]
-    points = nonmatching_points(x, corners[:count], corners[count:], inside, body, tie.rule, turns)
+        nodes = dofmap[cells[:, None], facet_dofs[local[facets]]]
+        out.append(
+            TiedSurface(
+                number[nodes], nodes, x[nodes], midpoints_of(x, dofmap[cells]),
+                body[own.body_of_cell[cells]], np.full(len(nodes), rank),
+            )
+        )  # fmt: skip
+    return out
+
+
+def _points_of(
+    tie: Tie, candidates: TiedSurface, antagonists: TiedSurface, turns: bool
+) -> TiedPoints:
+    """Points on all nodes of the candidates; `number` has those of these nodes."""
+    both = TiedSurface(*map(np.concatenate, zip(candidates, antagonists, strict=True)))
+    number, one, place = np.unique(both.number, return_index=True, return_inverse=True)
+    corners, count = place.reshape(both.number.shape), len(candidates.number)
+    facet, corner = np.divmod(one, corners.shape[1])
+    node, x = both.node[facet, corner], both.x[facet, corner]
+    body, rank = both.body[facet], both.rank[facet]
+    points = nonmatching_points(
+        x, corners[:count], corners[count:], candidates.inside, body, tie.rule, turns
+    )
     sides = points.nodes[:, :, 0]
-    return TiedPoints(points, x[sides[:, 0]], body[sides], node, rank)
+    return TiedPoints(points, number[sides[:, 0]], x[sides[:, 0]], body[sides], node, rank)

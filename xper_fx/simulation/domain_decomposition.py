@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from xper_fx.bodies.meshes import SerialOnlyError
-from xper_fx.forms.dynamics import at_finite_strain
 from xper_fx.nscd.solvers.solver import Solver
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.options import Options
-from xper_fx.simulation.shared_motions import bonds_split, splits_beside_rigid_bodies
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import ALONE, Ranks
 
@@ -113,19 +111,10 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
     """
     spread = scene.bodies is not None and scene.bodies.spread is not None
     touching = scene.bodies is not None and _searches(scene)
-    splits = options.scheme == "explicit" and scene.points == "nodal" and bonds_split(scene)
     why = [
         name
         for name, there in (
             ("rigid bodies alone", scene.bodies is None),
-            # vertices are not solved alone then, and bonds would be points that turn from the start
-            (
-                "joints or rolling resistance beside initially rigid bonds of an explicit bulk at "
-                "finite strain",
-                splits
-                and at_finite_strain(scene.materials)
-                and not splits_beside_rigid_bodies(scene),
-            ),
             (
                 "fewer bodies than ranks",
                 (touching or scene.ties) and scene.bodies.counts[0] < team.size,

@@ -173,7 +173,10 @@ class _BentPaths(Solver):
         self._rows_of_bent = [NormalRows(group.points, first, count) for group in self._bent]
         held, read = HeldRows(interactions), self._size(interactions, self._rounding())
         straight = [group.jump[:, 0].copy() for group in self._bent]
-        interactions.add_velocity(velocity)
+        if interactions.fused is None:
+            interactions.add_velocity(velocity)
+        else:  # bonds of whole vertices have no impulses
+            _push_rigid(interactions, velocity)
         bend = self._bend(interactions, velocity)
         for _ in range(_ROUNDS):
             for group, jump in zip(self._bent, straight, strict=True):
@@ -232,3 +235,15 @@ class _BentPaths(Solver):
             asked = bend[self._here[group.indices[moves]]] / interactions.step_size
             total += float(np.sum(asked**2 / group.compliance[moves, 0]))
         return math.sqrt(interactions.total(total))
+
+
+def _push_rigid(interactions: Interactions, velocity: np.ndarray) -> None:
+    """Add w H r of contacts and joints to velocities, flat, of this rank's rigid bodies.
+
+    All ranks call it together; no other points move rigid bodies.
+    """
+    impulses, blocks = interactions.spread(interactions.passing), interactions.rigid_blocks
+    if interactions.halo is not None:
+        interactions.halo.everywhere.add_back(impulses.reshape(-1))
+    pushed = blocks @ interactions.own_rigid(impulses).reshape(-1, blocks.shape[1], 1)
+    interactions.own_rigid(velocity)[:] += pushed.reshape(-1, interactions.dim)

@@ -33,7 +33,6 @@ from xper_fx.simulation.shared_motions import (
     bonds_split,
     condenses,
     share_motions,
-    splits_beside_rigid_bodies,
 )
 from xper_fx.simulation.tagged_facets import TaggedFacets
 from xper_fx.support.profile import Stopwatch
@@ -123,8 +122,7 @@ class Model:
         searched = any(contact.law is not None for contact in scene.contacts)
         self.by_vertex = (
             options.scheme == "explicit" and scene.points == "nodal"
-            and (not searched or bonds_split(scene))
-            and (self.rigid is None or splits_beside_rigid_bodies(scene))
+            and (bonds_split(scene) or not searched and self.rigid is None)
         )  # fmt: skip
         self.points = ScenePoints(scene, self.bulk, ties, self.part, self.by_vertex)
         self.detection = self._detection() if searched else None
@@ -180,7 +178,7 @@ class Model:
     # Bulk
 
     def _bulk(self) -> tuple[Bulk, list[TiedPoints]]:
-        """The bulk, and the points of each tie, those of all ranks."""
+        """The bulk, and the points of each tie on this rank's candidates."""
         scene, inertia = self.scene, self.options.inertia
         ties: list[TiedPoints] = []
         if scene.bodies is None:

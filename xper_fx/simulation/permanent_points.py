@@ -36,7 +36,7 @@ class ScenePoints:
 
     Args:
         bulk: of its meshed bodies, or an empty one.
-        ties: points of each tie, those of all ranks.
+        ties: points of each tie on this rank's candidates.
         part: what this rank has of the bodies, None if one rank has all.
         by_vertex: whether each vertex is solved alone.
 

@@ -21,19 +21,6 @@ def bonds_split(scene: Scene) -> bool:
     return any(getattr(law.kernels(scene.dim), "rigid", None) for law in laws)
 
 
-def splits_beside_rigid_bodies(scene: Scene) -> bool:
-    """Whether vertices may split one by one, though there are rigid bodies.
-
-    What joins rigid bodies but for contacts, resists their rolling, or moves with the mean gradient
-    of a cell is solved with all points together.
-    """
-    rolls = any(
-        contact.law is not None and contact.law.kernels(scene.dim).rolling is not None
-        for contact in scene.contacts
-    )
-    return bonds_split(scene) and not scene.joints and scene.lattice is None and not rolls
-
-
 def condenses(scene: Scene, laws: Sequence[Law]) -> bool:
     """Whether cells share unknowns in one system: rigid bonds join one node with another.
 

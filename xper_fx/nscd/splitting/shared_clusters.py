@@ -60,6 +60,7 @@ class SharedClusters(TouchingClusters):
         in_scene = np.arange(first_rigid, first_rigid + 2 * len(blocks)).reshape(-1, 2)
         interactions.own_rigid(number)[:] = interactions.own_of_rigid(in_scene).reshape(-1, 1)
         halo.everywhere.forward(number.reshape(-1))
+        number[-1] = first_rigid + 2 * len(blocks)  # the ground
         self._number = number
         places = number[:, 0].astype(np.int64)
         self._turned = [c and _at_places(c, places.__getitem__) for c in self._turned]
@@ -125,11 +126,13 @@ class SharedClusters(TouchingClusters):
         blocks, first_rigid = self._rigid
         numbers, first = np.unique(numbers, return_index=True)
         first = first[numbers < first_rigid]
-        numbers = np.append(numbers[: len(first)], first_rigid + np.arange(2 * len(blocks)))
+        numbers = np.append(numbers[: len(first)], first_rigid + np.arange(2 * len(blocks) + 1))
+        solid = self._interactions.rigid_part(self._velocity)
+        ground = np.zeros((1, self._interactions.dim))
         self._of_clusters = (
-            np.concatenate([velocity[first], self._interactions.rigid_part(self._velocity)]),
+            np.concatenate([velocity[first], solid, ground]),
             np.arange(len(numbers), dtype=np.int32),
-            np.concatenate([mobility[first], self._mobility_of_rigid]), blocks, len(first),
+            np.concatenate([mobility[first], self._mobility_of_rigid, ground]), blocks, len(first),
         )  # fmt: skip
         self._swept = [
             contacts._replace(

@@ -54,9 +54,9 @@ class SplittingVertices(Solver):
         if self._work is None:
             self._work = vertex_work(graphs, interactions.dim)
             self._all = np.arange(graphs.num_vertices, dtype=np.int32)
-        # a search renews contacts on all ranks, of which some may have none
-        searched = interactions.renewals > 0
-        self._touching = searched and interactions.largest(len(interactions.contacts)) > 0
+        # contacts and joints are renewed on all ranks, of which some may have none
+        renewed = interactions.renewals > 0
+        self._touching = renewed and interactions.largest(len(interactions.passing)) > 0
         interactions.fused.impulses = np.zeros((interactions.inverse.num_slots, interactions.dim))
         move = partial(self._move, interactions, velocity, options)
         if not self._touching:

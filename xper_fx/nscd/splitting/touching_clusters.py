@@ -7,7 +7,9 @@ of the signed weights of those of its nodes that move with cluster r, and M_r th
     u_c = sum_r H_cr v_r,    W_cc = sum_r H_cr^2 / M_r,    v_r += H_cr p_c / M_r.
 
 A rigid body has v and a spin s: at a side of arm a it moves with v + s x a, and an impulse p there
-turns it by J^-1 (a x p).
+turns it by J^-1 (a x p). Rows of joints (`rigid/joint_rows.py`) and rolling points
+(`laws/rolling.py`), which move rigid bodies alone, are swept with the contacts; where they have the
+node of a rotation, they read s and turn the body by J^-1 p.
 
 Contacts and vertices take turns. Given what bonds bear and which cells move as one, the contacts
 are swept by Gauss-Seidel with these numbers; given the impulses of the contacts, each of which acts
@@ -90,7 +92,7 @@ class SweptContacts(NamedTuple):
 
 
 class TouchingClusters:
-    """The contacts of a step, and the vertices that they touch.
+    """The contacts and joints of a step, and the vertices that they touch.
 
     Args:
         interactions: points after `begin_step`, contacts among them.
@@ -107,7 +109,7 @@ class TouchingClusters:
         options: SolveOptions,
     ):
         self._interactions, self._options, self._move = interactions, options, move
-        self._groups, fused = interactions.contacts, interactions.fused
+        self._groups, fused = interactions.passing, interactions.fused
         self._fused, graphs = fused, fused.graphs
         self._velocity = velocity.reshape(-1, interactions.dim)
         self._free = self._velocity.copy()
@@ -224,7 +226,8 @@ class TouchingClusters:
             w = np.empty_like(g.compliance)
             _compliances(
                 g.points.nodes, g.points.weights, g.points.frame,
-                *sym_indices(g.kernels.components), root, mobility, w,
+                sym_indices(g.kernels.components), root, mobility,
+                (self._rigid_w, self._first_rigid), w,
             )  # fmt: skip
             if g.sides.lever_arms:
                 _add_turning(
@@ -278,9 +281,21 @@ def _take_clusters(vertices, whole, clusters, g, root, mobility):
                 mobility[g.corner[c], d] = 1.0 / mass
 
 
+@njit(inline="always")
+def _spinning(slot, rigid_w, first_rigid):
+    """Rigid body whose rotation a slot is, or -1."""
+    place = slot - first_rigid
+    return place // 2 if 0 <= place < 2 * len(rigid_w) and place % 2 == 1 else -1
+
+
 @njit(**LEAN_ENTRY)
-def _compliances(nodes, weights, frame, rows, cols, root, mobility, out):
-    """W_cc of contacts, packed symmetric."""
+def _compliances(nodes, weights, frame, entries, root, mobility, rigid, out):
+    """W_cc of contacts, packed symmetric; of rotations with J^-1 of the body.
+
+    `entries` are rows and columns of what is packed, `rigid` blocks of rigid bodies and their
+    first slot.
+    """
+    (rows, cols), (rigid_w, first_rigid) = entries, rigid
     k, dim = nodes.shape[2], frame.shape[2]
     for i in range(len(nodes)):
         for entry in range(len(rows)):
@@ -293,8 +308,15 @@ def _compliances(nodes, weights, frame, rows, cols, root, mobility, out):
                     share += weights[i, b // k, b % k] if b < k else -weights[i, b // k, b % k]
             if counted:
                 continue
+            body = _spinning(slot, rigid_w, first_rigid)
             for entry in range(len(rows)):
                 for d in range(dim):
+                    if body >= 0:
+                        for e in range(dim):
+                            own = share * share * rigid_w[body, dim + d, dim + e]
+                            turned = own * frame[i, cols[entry], e]
+                            out[i, entry] += frame[i, rows[entry], d] * turned
+                        continue
                     own = share * share * mobility[slot, d]
                     out[i, entry] += own * frame[i, rows[entry], d] * frame[i, cols[entry], d]
 
@@ -342,10 +364,24 @@ def _sweep_kernel(law: LawKernels, sides: Sides):
 
     @njit(inline="always")
     def signed(weights, i, s, j):
-        return weights[i, s, j] if s == 0 else -weights[i, s, j]
+        weight = weights[i, s, j] if k > 1 else 1.0  # as of couplings
+        return weight if s == 0 else -weight
 
     @njit(inline="always")
-    def lightened(f, mobility, slot):
+    def spun(w, b, f):
+        if dim == 2:
+            return w[b, 2, 2] * f[0], 0.0
+        return (
+            w[b, 3, 3] * f[0] + w[b, 3, 4] * f[1] + w[b, 3, 5] * f[2],
+            w[b, 4, 3] * f[0] + w[b, 4, 4] * f[1] + w[b, 4, 5] * f[2],
+            w[b, 5, 3] * f[0] + w[b, 5, 4] * f[1] + w[b, 5, 5] * f[2],
+        )
+
+    @njit(inline="always")
+    def lightened(f, mobility, rigid_w, first_rigid, slot):
+        body = _spinning(slot, rigid_w, first_rigid) if k == 1 else -1
+        if body >= 0:
+            return spun(rigid_w, body, f)
         if dim == 2:
             return f[0] * mobility[slot, 0], f[1] * mobility[slot, 1]
         return f[0] * mobility[slot, 0], f[1] * mobility[slot, 1], f[2] * mobility[slot, 2]
@@ -380,7 +416,8 @@ def _sweep_kernel(law: LawKernels, sides: Sides):
             for s in range(2):
                 for j in range(k):
                     slot = root[nodes[i, s, j]]
-                    pushed = scale(signed(weights, i, s, j), lightened(f, mobility, slot))
+                    given = lightened(f, mobility, rigid_w, first_rigid, slot)
+                    pushed = scale(signed(weights, i, s, j), given)
                     world_set(v, slot, add(world_row(v, slot), pushed))
                 if lever_arms and turned.rotation_dof[i, s] != turned.start[i, s, 0]:
                     first = turned.rotation_dof[i, s]
