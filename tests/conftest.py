@@ -22,7 +22,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 numba.set_num_threads(1)
 
 MOST_WORKERS = 4
-OTHER_TIERS = ("slow", "ranks", "docs", "demos")
+OTHER_TIERS = {"slow", "ranks", "docs", "demos"}
 # A folder whose files are run one after the other by one worker.
 TOGETHER = "tests/parallel"
 # What takes longest, in this order: begun first, so that all workers end together.
@@ -91,7 +91,7 @@ def pytest_xdist_make_scheduler(config, log):
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     for item in items:
-        if not any(item.get_closest_marker(name) for name in OTHER_TIERS):
+        if not OTHER_TIERS & {mark.name for mark in item.iter_markers()}:
             item.add_marker("fast")
 
 

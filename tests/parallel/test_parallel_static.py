@@ -23,14 +23,12 @@ SCRIPT = "ranks/static_scenes.py"
 # that snap back, periodic cells, also along a path, meshes that are spread over the ranks, matrices
 # that all ranks factor.
 SCENES = {
-    2: ("drawn", "wedged", "turned", "rigid", "touching", "nearing", "held", "leaning",
-        "pushed", "indented", "swept", "sprung", "inert", "tied", "bridged", "spread_bridged",
-        "peeled", "unrolled", "inert_cell", "cell", "turned_cell",
+    2: ("rigid", "touching", "nearing", "held", "leaning", "pushed", "indented", "swept", "sprung",
+        "inert", "tied", "bridged", "spread_bridged", "unrolled", "inert_cell", "cell",
         "spread_drawn", "spread_touching", "spread_indented", "factored_drawn",
         "factored_turned_cell", "groups", "messages"),
-    3: ("stopped", "spread_stopped", "spread_tied"),
-    4: ("drawn", "wedged", "turned", "touching", "sprung", "peeled", "turned_cell",
-        "celled_path", "spread_unrolled", "spread_row", "groups"),
+    3: ("stopped", "spread_stopped", "spread_tied", "drawn", "wedged", "turned", "peeled",
+        "turned_cell", "celled_path", "spread_unrolled", "spread_row", "groups"),
 }  # fmt: skip
 # Those that give something else than a history.
 APART = ("groups", "messages", "stopped", "spread_stopped")

@@ -24,7 +24,7 @@ from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.compat import geometry_dofmap
 
 WORLD = MPI.COMM_WORLD
-LAST = 42  # step of runs that are recorded
+LAST = 30  # step of runs that are recorded
 
 
 def strength(x):
@@ -50,7 +50,7 @@ def turning_cells():
 def breaking():
     """Plates of bonded blocks meet, break, and their lips part."""
     scene, options, _ = touching_bodies.explicit_shards()
-    return scene, options, 60
+    return scene, options, 40
 
 
 def one_end():
@@ -62,7 +62,7 @@ def one_end():
         surfaces={"end": (2,)}, contacts=[Contact(("end", "end"), touching_bodies.RUB)],
         initial_velocity=lambda x: np.stack([8.0 * (x[0] - 2.0), 6.0 * (x[1] - 0.5)]),
     )  # fmt: skip
-    return scene, {"scheme": "explicit", "tolerance": 1e-11}, 40
+    return scene, {"scheme": "explicit", "tolerance": 1e-11}, 24
 
 
 def in_space(bond):
@@ -90,7 +90,7 @@ def in_space(bond):
 def broken_boxes():
     """Blocks whose bonds weaken, and whose lips part."""
     bond = CohesiveZone(2e4, 0.01, lambda x: 0.5 * strength(x), friction=0.3)
-    return in_space(bond), {"scheme": "explicit", "tolerance": 1e-11}, 16
+    return in_space(bond), {"scheme": "explicit", "tolerance": 1e-11}, 12
 
 
 def split_boxes():

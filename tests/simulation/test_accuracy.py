@@ -117,7 +117,7 @@ def test_the_shortest_step_is_taken_if_it_is_longer_by_rounding():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("accuracy", [1e-1, 1e-2, 1e-3])
+@pytest.mark.parametrize("accuracy", [1e-1, 1e-3])
 def test_a_vibration_is_as_accurate_as_asked_for(accuracy):
     """Two periods against 20 times finer steps: within three times what was asked for and said."""
     times, displacements = 8.0, []
@@ -694,7 +694,7 @@ def test_a_load_that_jumps_on_a_static_elastic_bar_is_no_error():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("accuracy", [1e-2, 1e-3])
+@pytest.mark.parametrize("accuracy", [1e-2, 3e-3])
 def test_plastic_flow_tells_its_error(accuracy):
     """Static, against five times finer steps: work and dissipation within a factor of 2.5."""
 

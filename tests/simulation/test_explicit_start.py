@@ -72,7 +72,7 @@ def test_the_ledger_closes_over_the_change_and_keeps_its_columns():
         assert abs(step.energies["closure"]) < 1e-10 * given
     assert simulation.options.scheme == "implicit" and step.energies["shadow"] == 0.0
     assert columns[0] == columns[-1]
-    fine = Simulation(pulled(), 2e-3)
+    fine = Simulation(pulled(), 4e-3)
     for _ in fine.steps(END):
         pass
     error = np.abs(field(simulation) - field(fine)).max() / np.abs(field(fine)).max()

@@ -56,14 +56,13 @@ def couples_on(
     interactions: Interactions,
     nodes: np.ndarray,
     num_dofs: int,
-    of_gaps: bool = False,
     impulses: Sequence[np.ndarray] | None = None,
 ) -> np.ndarray:
     """Impulses of the couples on all dofs, shape (num_dofs,), N s; see `Interactions.couples`.
 
     Those of Fbar, column after column, come last.
     """
-    out = on_nodes(interactions.couples(of_gaps, impulses), nodes, num_dofs)
+    out = on_nodes(interactions.couples(impulses=impulses), nodes, num_dofs)
     of_cell = interactions.couples_of_cell()
     if of_cell.size:
         out[-of_cell.size :] = of_cell.T.ravel()

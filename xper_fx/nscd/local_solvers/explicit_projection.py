@@ -19,20 +19,19 @@ from xper_fx.nscd.algebra.small import SINGULAR
 from xper_fx.nscd.local_solvers.interface import KERNEL, LocalSolver
 
 
-def explicit_applies(w: np.ndarray, tolerance: float = 1e-12) -> np.ndarray:
-    """Where the explicit solver is exact.
+def explicit_applies(w: np.ndarray) -> np.ndarray:
+    """Where the explicit solver is exact, to 1e-12 of the trace.
 
     Args:
         w: shape (num_points, 3) in 2D, (num_points, 6) in 3D, packed compliances, m/s per N s.
-        tolerance: what counts as zero, relative to the trace.
 
     Returns:
         shape (num_points,), bool.
     """
     if w.shape[1] == 3:
-        return np.abs(w[:, 1]) <= tolerance * (w[:, 0] + w[:, 2])
+        return np.abs(w[:, 1]) <= 1e-12 * (w[:, 0] + w[:, 2])
     wrong = np.abs(np.stack([w[:, 1], w[:, 2], w[:, 4], w[:, 3] - w[:, 5]])).max(axis=0)
-    return wrong <= tolerance * (w[:, 0] + w[:, 3] + w[:, 5])
+    return wrong <= 1e-12 * (w[:, 0] + w[:, 3] + w[:, 5])
 
 
 @KERNEL

@@ -272,13 +272,13 @@ def lcp_solver(dim: int, facets: int | None = None) -> LocalSolver:
     return LocalSolver("lcp", num_factors, prepare, solve)
 
 
-def faceting_error(facets: int, mu: float = 0.3, w=(1.0, 0.1, 0.0, 1.5, 0.2, 0.8), samples=360):
+def faceting_error(facets: int, samples: int = 360) -> tuple[float, float, float]:
     """Largest errors of the faceted cone over all directions of approach, slipping.
+
+    Friction is 0.3, the compliance couples the normal and both tangents.
 
     Args:
         facets: vertices of the polygon.
-        mu: friction.
-        w: packed compliance, shape (6,), m/s per N s.
         samples: directions of b_T, with |b_T| = 5 m/s and b_N = -1 m/s.
 
     Returns:
@@ -286,9 +286,9 @@ def faceting_error(facets: int, mu: float = 0.3, w=(1.0, 0.1, 0.0, 1.5, 0.2, 0.8
         the slip found, 1 + r_T . u_T / (mu r_N |u_T|), and of the length, 1 - |r_T| / (mu r_N),
         both O(1/m^2).
     """
+    mu, w = 0.3, (1.0, 0.1, 0.0, 1.5, 0.2, 0.8)
     faceted, sure = lcp_solver(3, facets), exact.EXACT
     work, factors = np.zeros((1, faceted.num_factors)), np.zeros((1, sure.num_factors))
-    w = tuple(w)
     faceted.prepare(w, mu, work, 0)
     sure.prepare(w, mu, factors, 0)
     none = (0.0, 0.0, 0.0)
