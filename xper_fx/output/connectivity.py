@@ -18,8 +18,9 @@ from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bodies.meshes import cell_measure
 from xper_fx.nscd.point_values import BROKEN
-from xper_fx.output.contact_forces import first_rigid, slot_places
+from xper_fx.output.contact_forces import slot_places
 from xper_fx.simulation.simulation import Simulation
+from xper_fx.simulation.slot_bodies import first_rigid
 from xper_fx.support.checks import require_kind, require_number
 from xper_fx.support.compat import geometry_dofmap
 
