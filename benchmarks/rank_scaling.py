@@ -55,6 +55,7 @@ from xper_fx.parallel.local_bodies import bodies_by_rank
 from xper_fx.parallel.ownership import owners_by_facet
 from xper_fx.parallel.turns import Visits, hand_over_rows, phases_of_rows
 from xper_fx.simulation.simulation import Simulation
+from xper_fx.support import ranks as agreed
 from xper_fx.support.ranks import Ranks
 
 LATENCY, BANDWIDTH = 2e-6, 10e9
@@ -69,7 +70,8 @@ class Clock:
         self.exchanges = self.sums = 0
         for name, returned in (("forward", False), ("back", True), ("add_back", True)):
             self._wrap(Exchange, name, "exchanges", returned)
-        self._wrap(Ranks, "sum_and_max", "sums", False)
+        for name in ("sum", "max", "sum_and_max"):  # of few ranks none calls another
+            self._wrap(Ranks, name, "sums", False)
         self.begin()
 
     def begin(self) -> None:
@@ -154,12 +156,17 @@ def measure(cells: int, scheme: str, threads: int) -> dict:
         found["exchange_cost"], found["phase_cost"] = (there + back + added) / 3, there
         found["message_cost"] = (cost_of_messages(ranks, 9) - cost_of_messages(ranks, 1)) / 8
         found["sum_cost"] = cost_of_call(ranks, lambda: ranks.sum(energies))
+        few, agreed._FEW = agreed._FEW, 1
+        found["sum_of_many"] = cost_of_call(ranks, lambda: ranks.sum(energies))
+        agreed._FEW = few
     return found
 
 
-def start(count: int, cells: int, scheme: str, threads: int = 1) -> subprocess.Popen:
-    """`measure` in a process group of its own."""
-    command = ["mpirun", "--oversubscribe", "--bind-to", "none" if threads > 1 else "core"]
+def start(
+    count: int, cells: int, scheme: str, threads: int = 1, bound: bool = True
+) -> subprocess.Popen:
+    """`measure` in a process group of its own, each rank bound to a core of its own or not."""
+    command = ["mpirun", "--oversubscribe", "--bind-to", "core" if bound else "none"]
     command += ["-n", str(count), sys.executable, __file__]
     command += ["--worker", str(threads), "--cells", str(cells), "--scheme", scheme]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
@@ -213,12 +220,13 @@ def divided(count: int):
 def model(counts: list[int], one: dict, two: dict, scheme: str) -> None:
     """What the model gives for plates of `POINTS` a rank, from steps of one rank and of two."""
     work = one["least"] / one["points"]
-    total, message = two["sum_cost"], max(two["message_cost"], 0.0)
+    message = max(two["message_cost"], 0.0)
     sweeps = one["sweeps"] if scheme == "implicit" else 0
     once = two["exchanges"] - (2 * two["sweeps"] if scheme == "implicit" else 0)
     print(
         f"\nmodel, {scheme}: {1e9 * work:.0f} ns a point; {1e6 * two['exchange_cost']:.1f} us an "
-        f"exchange, {1e6 * message:.2f} us a message more, {1e6 * total:.1f} us a sum"
+        f"exchange, {1e6 * message:.2f} us a message more, {1e6 * two['sum_cost']:.1f} us a sum, "
+        f"{1e6 * two['sum_of_many']:.1f} of more than {agreed._FEW} ranks"
     )
     print(f"{'ranks':>6} {'points':>10} {'imbalance':>10} {'cut facets':>11} {'neighbours':>13} "
           f"{'exchanges':>10} {'sums':>6} {'kB':>8} {'step, ms':>9} {'effic.':>11}")  # fmt: skip
@@ -227,6 +235,7 @@ def model(counts: list[int], one: dict, two: dict, scheme: str) -> None:
         messages = (neighbours - 1) * message
         waits = once * (two["exchange_cost"] + messages[0] + LATENCY)
         waits += sweeps * np.sum(two["phase_cost"] + messages[1:] + LATENCY)
+        total = two["sum_cost" if count <= agreed._FEW else "sum_of_many"]
         waits += two["sums"] * (total + LATENCY * np.log2(count))
         sent = 48 * at_cut * (once + 2 * sweeps)  # six dofs of a triangle
         alone = work * POINTS
@@ -260,8 +269,8 @@ def main() -> None:
               f"{'exchanges':>9} {'sums':>6} {'kB a step':>9} {'sweeps':>7}")  # fmt: skip
         one = told(start(1, options.cells, scheme))
         row("one", one, one, 1.0)
-        row("two threads", told(start(1, options.cells, scheme, 2)), one, 0.5)
-        beside = [told(p) for p in [start(1, options.cells, scheme) for _ in range(2)]]
+        row("two threads", told(start(1, options.cells, scheme, 2, False)), one, 0.5)
+        beside = [told(p) for p in [start(1, options.cells, scheme, bound=False) for _ in range(2)]]
         row("two apart", max(beside, key=lambda found: found["step"]), one, 1.0)
         strong = {count: told(start(count, options.cells, scheme)) for count in options.ranks}
         for count, found in strong.items():

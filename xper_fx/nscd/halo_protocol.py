@@ -30,7 +30,7 @@ class Reductions(Protocol):
         """Largest of numbers, or of arrays of one shape entry by entry."""
 
     def sum_and_max(self, added: Any, compared: Any) -> Any:
-        """Sum of the first and largest of the second, which wait for other ranks once."""
+        """Sum of the first and largest of the second; few ranks wait for each other once."""
 
     def all(self, condition: Any) -> bool:
         """Whether something holds on all ranks."""

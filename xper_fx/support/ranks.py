@@ -16,7 +16,6 @@ from mpi4py import MPI
 
 # Ranks up to which each has the values of all, and adds them up itself.
 _FEW = 64
-_NOTHING = np.zeros(0)
 
 
 class Ranks:
@@ -36,37 +35,42 @@ class Ranks:
 
     def sum(self, value):
         """Sum of numbers, or of arrays of one shape, in double precision."""
-        return value if self.alone else self.sum_and_max(value, _NOTHING)[0]
+        if self.alone:
+            return value
+        if self.size > _FEW:
+            return _plain(self._reduced(value, MPI.SUM))
+        return _plain(np.add.reduce(self._of_all(value), axis=0))
 
     def max(self, value):
-        """Largest of numbers, or of arrays of one shape entry by entry, in double precision."""
-        return value if self.alone else self.sum_and_max(_NOTHING, value)[1]
-
-    def sum_and_max(self, added, compared):
-        """Sum of the first and largest of the second, which wait for other ranks once.
+        """Largest of numbers, or of arrays of one shape entry by entry, in double precision.
 
         What is no number (NaN) on a rank is none in what all get.
         """
         if self.alone:
-            return added, compared
-        added, compared = (np.asarray(v, np.float64, order="C") for v in (added, compared))
-        if self.size <= _FEW:
-            of_all = self._of_all(np.concatenate([added.ravel(), compared.ravel()]))
-            total = np.add.reduce(of_all[:, : added.size], axis=0)
-            largest = np.maximum.reduce(of_all[:, added.size :], axis=0)
-        else:
-            total, missing = np.empty(added.size), np.isnan(compared).ravel()
+            return value
+        if self.size > _FEW:
             # MPI_MAX may pass by what is no number
-            told = np.concatenate([np.where(missing, -np.inf, compared.ravel()), missing])
-            found, waiting = np.empty_like(told), []
-            if added.size:
-                waiting.append(self.comm.Iallreduce(added, total, MPI.SUM))
-            if compared.size:
-                waiting.append(self.comm.Iallreduce(told, found, MPI.MAX))
-            MPI.Request.Waitall(waiting)
-            largest, missing = np.split(found, 2)
-            largest[missing > 0.0] = np.nan
+            missing = np.isnan(value)
+            told = np.where(missing, -np.inf, value), missing
+            largest, missing = self._reduced(np.stack(told), MPI.MAX)
+            return _plain(np.where(missing > 0.0, np.nan, largest))
+        return _plain(np.maximum.reduce(self._of_all(value), axis=0))
+
+    def sum_and_max(self, added, compared):
+        """Sum of the first and largest of the second; few ranks wait for each other once."""
+        if self.alone or self.size > _FEW:
+            return self.sum(added), self.max(compared)
+        added, compared = (np.asarray(value, np.float64) for value in (added, compared))
+        of_all = self._of_all(np.concatenate([added.ravel(), compared.ravel()]))
+        total = np.add.reduce(of_all[:, : added.size], axis=0)
+        largest = np.maximum.reduce(of_all[:, added.size :], axis=0)
         return _plain(total.reshape(added.shape)), _plain(largest.reshape(compared.shape))
+
+    def _reduced(self, value, op: MPI.Op) -> np.ndarray:
+        """What MPI makes of the values of all ranks."""
+        own, found = np.ascontiguousarray(value, np.float64), np.empty(np.shape(value))
+        self.comm.Allreduce(own, found, op)
+        return found
 
     def _of_all(self, value) -> np.ndarray:
         """The values of all ranks, in their order.
