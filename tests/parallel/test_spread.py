@@ -81,6 +81,11 @@ def test_bodies_that_are_unlike_each_other_are_shared_out_by_their_work(folder):
     assert len(work) == RANKS and work.max() < 1.05
 
 
+def test_each_rank_gets_a_body_where_there_are_as_many(folder):
+    """The large block is most of all cells, and of those of each rank."""
+    assert np.load(folder / "balance.npz")["few"].tolist() == [1] * RANKS
+
+
 def test_facets_have_the_places_of_the_whole_mesh(folder):
     """So random numbers and tables are those of one rank, and scenes with a table the same."""
     found = [np.load(folder / f"places_{ranks}.npz") for ranks in (RANKS, 2)]

@@ -162,6 +162,13 @@ def work_of_ranks() -> list[float]:
     return np.array(load) / np.mean(load)
 
 
+def bodies_of_few() -> int:
+    """Bodies of this rank, of a plate of a large block and two small ones beside it."""
+    label = lambda x: np.where(x[0] < 0.75, 2, 2.0 * x[1])  # noqa: E731
+    bodies = scenes.box_bodies((1, 1), (8, 6), label=label)
+    return np.count_nonzero(bodies.spread.rank_of_body == WORLD.rank)
+
+
 def places_of_facets(lengths, cells, kind) -> float:
     """How far facets are from those of the whole mesh of which they should have the places."""
     scenes.COMM = MPI.COMM_SELF
@@ -241,6 +248,7 @@ def main() -> None:
             found["dust"] = WORLD.gather(held_by_dust(WORLD))
         elif name == "balance":
             found = {"cells": WORLD.gather(blocks_of_one_rank()), "work": work_of_ranks()}
+            found["few"] = WORLD.gather(bodies_of_few())
         elif name == "places":
             boxes = ((1.0, 3.0), (5, 4), "crossed"), ((1.0, 1.0, 2.0), (2, 3, 2), "tetrahedron")
             found = {

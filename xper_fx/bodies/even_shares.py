@@ -19,7 +19,8 @@ from xper_fx.support.ranks import Ranks
 
 # Share of a cell and of a facing facet in the work of a body.
 CELL, FACET = 1, 2
-# Most work of a rank, over the mean, up to which bodies stay; what other shares must make of it.
+# Most work of a rank, over the mean, up to which bodies stay if each rank has some; what other
+# shares must make of it.
 _UNLIKE, _WORTH = 1.15, 0.95
 # Halvings that find where a part is cut; by how much cuts lean, for bodies side by side to part.
 _HALVINGS, _LEAN = 50, 1e-3
@@ -42,10 +43,11 @@ def rank_of_bodies(ranks: Ranks, mesh: Mesh, label: npt.NDArray[np.int64]) -> np
     sums = keepers.sum(np.array([np.bincount(body, column) for column in columns]).T)
     work, middle = sums[:, 0], sums[:, 2:] / sums[:, 1:2]
     load = _loads(ranks, rank, work)
-    if load.max() > _UNLIKE * load.mean():
+    bare = load.min() == 0.0
+    if bare or load.max() > _UNLIKE * load.mean():
         other = _bisected(ranks, middle, work)
         others = _loads(ranks, other, work)
-        if others.max() < _WORTH * load.max() and others.min() > 0.0:
+        if others.min() > 0.0 and (bare or others.max() < _WORTH * load.max()):
             rank = other
     return keepers.answer(rank).astype(np.int32)[body]
 
@@ -91,14 +93,16 @@ def _bisected(ranks: Ranks, x: np.ndarray, work: np.ndarray) -> np.ndarray:
         high, low = np.where(np.isfinite(ends := ranks.max(ends)), ends, 0.0)
         low = -low - (high + low)  # below all of a part
         middle = (first + last) // 2
-        goal = ranks.sum(np.bincount(part, work, minlength=count))
+        goal, number = _below(ranks, part, work, key, np.full(count, np.inf))
         goal = goal * (middle - first) / (last - first)
+        least, most = middle - first, number - (last - middle)  # bodies, for each rank to get one
         for _ in range(_HALVINGS):
             cut = 0.5 * (low + high)
-            enough = _below(ranks, part, work, key, cut) >= goal
+            done, many = _below(ranks, part, work, key, cut)
+            enough = (done >= goal) & (many >= least) | (many >= most)
             low, high = np.where(enough, low, cut), np.where(enough, cut, high)
-        under, over = (_below(ranks, part, work, key, cut) for cut in (low, high))
-        cut = np.where((goal - under < over - goal) & (under > 0.0), low, high)
+        (under, many), (over, _) = (_below(ranks, part, work, key, cut) for cut in (low, high))
+        cut = np.where((goal - under < over - goal) & (many >= least), low, high)
         beyond = (key > cut[part]) & several[part]
         starts = np.cumsum(1 + several) - 1 - several  # of each part among the next ones
         part = starts[part] + beyond
@@ -110,6 +114,7 @@ def _bisected(ranks: Ranks, x: np.ndarray, work: np.ndarray) -> np.ndarray:
 def _below(
     ranks: Ranks, part: np.ndarray, work: np.ndarray, key: np.ndarray, cut: np.ndarray
 ) -> np.ndarray:
-    """Work of each part up to its cut."""
+    """Work of each part up to its cut, and number of its bodies there, shape (2, num_parts)."""
     there = key <= cut[part]
-    return ranks.sum(np.bincount(part[there], work[there], minlength=len(cut)))
+    sums = [np.bincount(part[there], w, minlength=len(cut)) for w in (work[there], None)]
+    return ranks.sum(np.array(sums, float))
