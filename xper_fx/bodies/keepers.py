@@ -59,8 +59,10 @@ class Keepers:
         return self._reduced(np.minimum, values, np.iinfo(values.dtype).max)
 
     def _reduced(self, reduce: np.ufunc, values: np.ndarray, start: float) -> np.ndarray:
-        out = np.full((len(self.kept), *values.shape[1:]), start, values.dtype)
-        for place, given in zip(self._places, self._told(values), strict=True):
+        told = self._told(values)
+        # a rank that has nothing may have no numbers but whole ones (bincount)
+        out = np.full((len(self.kept), *values.shape[1:]), start, np.result_type(*told))
+        for place, given in zip(self._places, told, strict=True):
             out[place] = reduce(out[place], given)  # a rank names a number once
         return out
 
@@ -101,7 +103,7 @@ def places_in_order(
 
     Args:
         ranks: the ranks, which call it together.
-        values: shape (n,); some rank has one.
+        values: shape (n,).
         tolerance: a value that lies no further above the next lower one counts as equal to it.
 
     Returns:
@@ -110,6 +112,8 @@ def places_in_order(
     own, inverse = np.unique(values, return_inverse=True)
     few = own[:: max(len(own) // ranks.size, 1)]
     samples = np.sort(np.concatenate(ranks.comm.allgather(few)))
+    if not len(samples):
+        return np.zeros(0, int), 0
     splitters = samples[len(samples) * np.arange(1, ranks.size) // ranks.size]
     keepers = Keepers(ranks, own, np.searchsorted(splitters, own, "right"))
     kept = keepers.kept

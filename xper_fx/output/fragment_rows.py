@@ -40,4 +40,4 @@ def sums_of_rows(label: np.ndarray, values: np.ndarray, count: int) -> np.ndarra
     kept = label >= 0
     flat = values[kept].reshape(np.count_nonzero(kept), math.prod(values.shape[1:]))
     sums = [np.bincount(label[kept], column, minlength=count) for column in flat.T]
-    return np.array(sums).T.reshape(count, *values.shape[1:])
+    return np.array(sums, float).T.reshape(count, *values.shape[1:])
