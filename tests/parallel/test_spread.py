@@ -23,9 +23,11 @@ pytestmark = pytest.mark.ranks
 
 RANKS = 3
 # Vertices alone with random numbers and arrays over facets, of order 2, that split at finite
-# strain, Gauss points of blocks there, walls, also beside vertices that split, and bonds that lag
-# in space.
-SCENES = ("uneven", "quadratic", "spun", "blocks", "fall", "turning_dropped", "space", "tied")
+# strain, Gauss points of blocks there, walls, also beside vertices that split, bonds that lag in
+# space, ties, and vertices that may split in more ways than one.
+SCENES = (
+    "uneven", "quadratic", "spun", "blocks", "fall", "turning_dropped", "space", "tied", "burst",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -243,6 +243,16 @@ def splitting():
     return scene, {"scheme": "explicit", "tolerance": 1e-10}, 60
 
 
+def burst():
+    """Free cells that fly apart: which of the bonds at a vertex break hangs on their order."""
+    bond = RigidCohesiveZone(lambda x: 0.08 * strength(x), 1e-4, friction=0.3)
+    scene = Scene(
+        box_bodies((1, 1), (6, 6)), {1: replace(ELASTIC, young=10.0)}, default_interaction=bond,
+        initial_velocity=lambda x: 0.5 * (x[:2] - 0.5),
+    )  # fmt: skip
+    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 12
+
+
 def strength(x):
     """Between 7 and 13 Pa, no two alike."""
     return 10.0 + 3.0 * np.sin(7.0 * x[0] + 3.3 * x[1]) * np.cos(5.0 * x[1] - x[0])
@@ -342,6 +352,7 @@ SCENES = {
         uneven,
         rigid,
         splitting,
+        burst,
         pulled,
         spun,
         dropped,

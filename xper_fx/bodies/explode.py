@@ -541,13 +541,10 @@ def _explode_share(
     rank_of_body[known.body_of_cell] = rank_of_cell
     own = rank_of_body == ranks.rank
     parent_cell = cells.number[known.parent_cell]
-    low, high = np.sort(parent_cell[known.facets.cells], axis=1).T
-    order = np.lexsort((high, low))
-    return replace(
+    spread = replace(
         known,
         parent_cell=parent_cell,
         parent_vertex=cells.vertex[known.parent_vertex],
-        facets=FacingFacets(**{n: array[order] for n, array in vars(known.facets).items()}),
         spread=Spread(
             ranks,
             rank_of_body,
@@ -556,6 +553,11 @@ def _explode_share(
             PresentTags.union(ranks.comm.allgather(known.present)),
         ),
     )
+    # where bonds at a vertex may break in more ways than one, their order decides
+    lower = parent_cell[known.facets.cells].min(axis=1, initial=spread.spread.num_cells)
+    order = np.lexsort((lower, spread.facet_places()[0]))
+    facets = FacingFacets(**{n: array[order] for n, array in vars(known.facets).items()})
+    return replace(spread, facets=facets)
 
 
 def _body_labels(

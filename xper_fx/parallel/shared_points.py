@@ -72,7 +72,7 @@ def shared_points(
     k = len(V.dofmap.dof_layout.entity_closure_dofs(fdim, 0))
     a_facet = len(facet_shapes(fdim + 1, k, rule))
     sides = part.rank_of_body[facets.bodies]
-    facet_numbers = _numbers(bodies, facets, ranks)
+    facet_numbers = _numbers(bodies, with_law, ranks)
     if by_vertex:
         corners = geometry_dofmap(bodies.mesh)[facets.cells[:, :1], facets.local_vertices[:, 0]]
         owner = owners_by_vertex(
@@ -151,16 +151,13 @@ def shared_points(
     )
 
 
-def _numbers(bodies: Bodies, facets: FacingFacets, ranks: Ranks) -> np.ndarray:
-    """Numbers of some facing facets among such facets of all ranks, in the order of the scene.
-
-    Those of a mesh that is spread are ordered by the cells on both sides. The rank that keeps a
-    cell, one of as many that follow each other, numbers the facets of which the cell is the lower.
-    """
+def _numbers(bodies: Bodies, which: np.ndarray, ranks: Ranks) -> np.ndarray:
+    """Numbers of some facing facets among such facets of all ranks, in the order of the scene."""
     if bodies.spread is None:
-        return np.arange(len(facets))
-    from xper_fx.bodies.keepers import places_of_numbers
+        return np.arange(len(which))
+    from xper_fx.bodies.keepers import places_in_order
 
-    low, high = np.sort(bodies.parent_cell[facets.cells], axis=1).T
-    num_cells = bodies.spread.num_cells
-    return places_of_numbers(ranks, low * num_cells + high, low * ranks.size // num_cells)
+    places = bodies.facet_places()[0]
+    # those that coincide come by their cells, as in `Bodies.facets`
+    lower = bodies.parent_cell[bodies.facets.cells].min(axis=1, initial=bodies.spread.num_cells)
+    return places_in_order(ranks, (places * bodies.spread.num_cells + lower)[which])[0]
