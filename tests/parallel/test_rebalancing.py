@@ -17,9 +17,8 @@ from xper_fx.parallel.rebalancing import Rebalancing
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "ranks"))
 import rebalanced
-import touching_bodies
 
-SCENES = {2: ("explicit_shards", "pelted", "split_pelted", "pile")}
+SCENES = {2: ("explicit_shards", "pelted", "split_pelted", "pile"), 3: ("hinged",)}
 RUNS = SCENES[2][:3]
 
 
@@ -130,7 +129,7 @@ def test_other_numbers_of_ranks_begin_anew():
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     """What a scene gives on a number of ranks."""
-    return runs_of("ranks/rebalanced.py", SCENES, touching_bodies.run, tmp_path_factory)
+    return runs_of("ranks/rebalanced.py", SCENES, rebalanced.run, tmp_path_factory)
 
 
 @pytest.mark.ranks
@@ -162,6 +161,14 @@ def test_ranks_share_the_contacts_of_a_pile(found):
     assert first > 10 and pile["divided"][-1] == 1
     assert np.all(pile["uneven"][:first] == 2.0) and pile["cost"][first - 1] > 1.35
     assert pile["uneven"][first:].mean() < 1.4 and pile["cost"][-1] < 1.1
+
+
+@pytest.mark.ranks
+def test_bodies_joined_where_a_run_goes_on_come_to_one_rank(found):
+    """Those of the run before were on two."""
+    one, many = found("hinged", 1), found("hinged", 3)
+    assert len(set(many["ranks"])) == 2
+    np.testing.assert_allclose(many["solids"], one["solids"], rtol=0, atol=1e-8)
 
 
 @pytest.fixture(scope="module")

@@ -2,6 +2,7 @@
 """Bodies that all ranks divide anew again and again; the first writes what came out."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
@@ -16,6 +17,7 @@ from xper_fx.output.recorder import Recorder
 from xper_fx.output.run import recorded_steps
 from xper_fx.parallel import rebalancing
 from xper_fx.parallel.launch import run_together
+from xper_fx.scene.joints import Hinge
 from xper_fx.simulation.simulation import Simulation
 
 LAST = 16  # step of runs that are recorded
@@ -31,12 +33,29 @@ def run(name: str) -> dict[str, np.ndarray]:
     if name == "pile":
         with patch.multiple(rebalancing, **SMALL, _PRICE=10.0):
             return moving_load.run(6, 1, 160, 160)
+    if name == "hinged":
+        return hinged()
     partition = rebalancing.partition_bodies
     with (
         patch.multiple(rebalancing, **AT_EACH_LOOK),
         patch.object(rebalancing, "partition_bodies", wraps=partition) as calls,
     ):
         return touching_bodies.run(name) | {"partitions": calls.call_count}
+
+
+def hinged() -> dict[str, np.ndarray]:
+    """A run goes on with a hinge between spheres that two ranks had."""
+    scene, options, _ = touching_bodies.pelted()
+    first = Simulation(scene, **options)
+    for _ in first.steps(4 * first.step_size):
+        pass
+    share = first.model.rigid_share
+    ranks = np.zeros(2) if share is None else share.rank_of_body[:2]
+    hinge = Hinge(scene.rigid[:2], at=(0.5, 0.5, 0.5), axis=(0.0, 0.0, 1.0))
+    second = Simulation(replace(scene, joints=[hinge], after=first.snapshot()), **options)
+    for _ in second.steps(8 * second.step_size):
+        pass
+    return {"ranks": ranks, "solids": second.rigid.state.velocity}
 
 
 def record(folder: str, last: int, restart: bool) -> None:

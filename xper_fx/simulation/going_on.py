@@ -74,6 +74,7 @@ def _carried(simulation: Restartable, after: Snapshot) -> dict:
         saved.pop("detection", None)
     if not (same_bodies and (scene.contacts, scene.joints) == (before.contacts, before.joints)):
         saved.pop("solvers", None)
+        saved.pop("balance", None)  # others may have to be on one rank
     if model.rigid is not None:
         saved["rigid"] = _left_where_it_is(model.rigid.saved(), saved["rigid"], number)
     if "rigid_reactions" in saved:

@@ -2,10 +2,9 @@
 """Sweeps over points that several ranks share.
 
 A sweep of all ranks together is a Gauss-Seidel sweep in another order, so that it converges where
-`nlgs.py` does. Points between bodies of two ranks come first, phase by phase: in a phase a rank
-meets one other at most, the owner of their points takes the velocities of the other's bodies,
-visits the points, and gives the velocities back, while nobody else moves these bodies. Then each
-rank visits the points between its own bodies, all ranks at once.
+`nlgs.py` does. Points between bodies of two ranks come first, phase by phase (`turns.py`): in a
+phase one rank at most moves a body, which then goes on to the next that does, and home at last.
+Then each rank visits the points between its own bodies, all ranks at once.
 
 The error is estimated as in `nlgs.py`, from changes summed over all ranks, and contacts of rigid
 bodies are judged by velocities, as there: the points that two ranks share are visited one after
