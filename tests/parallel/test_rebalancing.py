@@ -32,6 +32,7 @@ class FirstOfTwo:
             return [own, tuple(array[:0] for array in own)]
 
         self.comm = SimpleNamespace(bcast=lambda value: value, allgather=allgather)
+        self.together = lambda call: call()
 
 
 def row_of_bodies(**settings):

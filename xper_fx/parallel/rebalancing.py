@@ -88,7 +88,8 @@ class Rebalancing:
         self._lost += _LOOKS_EVERY * (cost - self._reached)
         if self._lost <= _PRICE:
             return
-        new = self._partition(pairs, weights) if self._ranks.rank == 0 else None
+        first = self._ranks.rank == 0
+        new = self._ranks.together(lambda: self._partition(pairs, weights) if first else None)
         new = self._ranks.comm.bcast(new)
         reached = self._cost(new, pairs, weights)
         self.is_pending = better = reached < cost - _WORTH
