@@ -16,29 +16,18 @@ to one MPI's types.
 """
 
 import ctypes
-import time
 
 import numba
 import numpy as np
 from mpi4py import MPI
+from rank_scaling import cost_of_call
 
 from xper_fx.parallel.halo import Exchange
 from xper_fx.support.ranks import Ranks
 
-COUNT, CALLS = 200, 4000
+COUNT = 200
 RANKS = Ranks(MPI.COMM_WORLD)
 OTHER = 1 - RANKS.rank
-
-
-def cost(call) -> float:
-    """Median time of a call, of the rank that takes longer (us)."""
-    taken = np.empty(CALLS)
-    for i in range(CALLS):
-        RANKS.comm.Barrier()
-        start = time.perf_counter()
-        call()
-        taken[i] = time.perf_counter() - start
-    return 1e6 * RANKS.max(float(np.median(taken)))
 
 
 def compiled(values, own, ghosts, given, taken, requests):
@@ -83,7 +72,7 @@ def main() -> None:
     }
     for _ in range(2):
         for name, call in ways.items():
-            found = cost(call)
+            found = 1e6 * cost_of_call(RANKS, call)
             if RANKS.rank == 0:
                 print(f"{name:10} {found:6.2f} us", flush=True)
     np.testing.assert_array_equal(values[ghosts], OTHER + np.arange(COUNT))

@@ -78,21 +78,6 @@ class Keepers:
         return out
 
 
-def places_of_numbers(
-    ranks: Ranks, numbers: np.ndarray, keeper: npt.NDArray[np.integer]
-) -> npt.NDArray[np.int64]:
-    """Places of numbers among those of all ranks, in their order; ranks call it together.
-
-    Args:
-        ranks: the ranks.
-        numbers: shape (n,), those that this rank names, each once.
-        keeper: shape (n,), the rank that keeps each; a larger number has no lower rank.
-    """
-    keepers = Keepers(ranks, numbers, keeper)
-    # those of a rank follow those of the ranks before it
-    return keepers.answer(ranks.before(len(keepers.kept)) + np.arange(len(keepers.kept)))
-
-
 def places_in_order(
     ranks: Ranks, values: np.ndarray, tolerance: float = 0.0
 ) -> tuple[npt.NDArray[np.int64], int]:

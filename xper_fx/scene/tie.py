@@ -102,12 +102,9 @@ def tie_points(
     points = ranks.together(lambda: _points_of(tie, *surfaces, turns))
     if ranks.alone:
         return points
-    from xper_fx.bodies.keepers import places_of_numbers
+    from xper_fx.bodies.keepers import places_in_order
 
-    spread, keys = bodies.spread, points.number
-    cells = len(bodies.body_of_cell) if spread is None else spread.num_cells
-    keeper = keys // V.dofmap.list.shape[1] * ranks.size // cells
-    return points._replace(number=places_of_numbers(ranks, keys, keeper))
+    return points._replace(number=places_in_order(ranks, points.number)[0])
 
 
 def _surfaces(

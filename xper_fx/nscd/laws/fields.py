@@ -159,7 +159,8 @@ def _of_array(name: str, values: np.ndarray, places: Places) -> np.ndarray:
         raise ValueError(
             f"{name} has {len(values)} values; of a mesh that is spread over ranks it should have "
             f"one for each of the {places.num_facets} facing facets that this rank knows, in the "
-            "order of `bodies.facets`."
+            "order of `bodies.facets`: of a table of the whole mesh, "
+            "table[bodies.facet_places()[0]]."
         )
     if len(values) == places.num_points[0]:
         return values[places.number]
