@@ -39,7 +39,15 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.couplings import Blocks, Couplings, Sides, point_impulse, point_velocity
+from xper_fx.nscd.couplings import (
+    LINE,
+    Blocks,
+    Couplings,
+    Sides,
+    point_impulse,
+    point_velocity,
+    prefetch,
+)
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER, MERGED
 from xper_fx.nscd.laws.law import LawKernels
@@ -124,6 +132,12 @@ def _frame(group: PointGroup, unknowns: int) -> np.ndarray:
 
         frame = start_frames(group.turning.tangent[group.turning.site], frame.shape[1])
     return frame_from_normal(frame[:, 0]) if frame.shape[1] < unknowns == 3 else frame
+
+
+@njit(inline="always")
+def points_of(tiles, b):
+    """A vertex's points of a group; unsigned, as a signed index is checked for being negative."""
+    return range(np.uintp(tiles[b]), np.uintp(tiles[b + 1]))
 
 
 @njit
@@ -299,7 +313,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
     @kernel
     def warm_start(b, v, blocks, position, group):
         tiles, c, r = group[0], group[1], group[2]
-        for i in range(tiles[b], tiles[b + 1]):
+        for i in points_of(tiles, b):
             push(v, c, i, row(r, i))
         return position + tiles[b + 1] - tiles[b]
 
@@ -308,7 +322,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
         """residual = S(b) - r."""
         tiles, c, r, inverse_area, w_points, parameters, terms, details = group
         changed, total, largest = 0.0, 0.0, 0.0
-        for i in range(tiles[b], tiles[b + 1]):
+        for i in points_of(tiles, b):
             old = row(r, i)
             new, _ = solve(i, read(v, c, i), old, w_points, parameters, terms, details)
             change = subtract(new, old)
@@ -326,7 +340,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
     def tilt(b, blocks, position, known, vertex, group):
         """How the points have turned beside their vertex; `vertex` is its own turn, once known."""
         tiles, c = group[0], group[1]
-        for i in range(tiles[b], tiles[b + 1]):
+        for i in points_of(tiles, b):
             if turns:
                 p = blocks.offsets[b] + position
                 if not known:
@@ -339,7 +353,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
     def turn(b, blocks, position, group):
         """Residuals go over to the frames of the start."""
         tiles = group[0]
-        for _ in range(tiles[b], tiles[b + 1]):
+        for _ in points_of(tiles, b):
             if turns:
                 change = row(blocks.residual, position)
                 set_row(blocks.residual, position, to_start(blocks.tilt, position, change))
@@ -350,7 +364,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
     def sweep(b, v, blocks, position, group, relax):
         tiles, c, r, inverse_area, w_points, parameters, terms, details = group
         changed, total, largest = 0.0, 0.0, 0.0
-        for i in range(tiles[b], tiles[b + 1]):
+        for i in points_of(tiles, b):
             old = row(r, i)
             new, smooth = solve(i, read(v, c, i), old, w_points, parameters, terms, details)
             change = subtract(new, old)
@@ -368,7 +382,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
     @kernel
     def correct(b, v, blocks, position, group):
         tiles, c, r = group[0], group[1], group[2]
-        for i in range(tiles[b], tiles[b + 1]):
+        for i in points_of(tiles, b):
             change = row(blocks.correction, position)
             if turns:
                 change = without_rounding(to_now(blocks.tilt, position, change))
@@ -470,7 +484,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
         y, start, lines = blocks.inverse, blocks.inverse_offsets[b], blocks.lines
         low, high = blocks.offsets[b], blocks.offsets[b + 1]
         n = (high - low) * unknowns
-        for i in range(tiles[b], tiles[b + 1]):
+        for i in points_of(tiles, b):
             residual = row(blocks.residual, position)
             if dot(residual, residual) > threshold:
                 u, old = read(v, c, i), row(r, i)
@@ -510,7 +524,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
         largest = 0.0
         if evolve_point is not None:
             tiles, c, r, inverse_area, w_points, parameters, terms, details = group
-            for i in range(tiles[b], tiles[b + 1]):
+            for i in points_of(tiles, b):
                 largest = max(
                     largest, evolve_point(i, read(v, c, i), w_points, parameters, terms, details)
                 )
@@ -601,42 +615,54 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
     have not converged.
     """
     algebra = for_dimension(dim, unknowns)
-    row, set_row, dot, scale = algebra.row, algebra.set_row, algebra.dot, algebra.scale
+    row, set_row, dot, add = algebra.row, algebra.set_row, algebra.dot, algebra.add
     chained = _chain(laws, dim, unknowns, len(laws) == 1, turns)
     warm_all, evaluate_all, tilt_all, turn_all = chained[:4]
     sweep_all, correct_all, renew_all, evolve_all = chained[4:]
     not_turned = _turn_kernels(dim).none
 
+    none, ones = (0.0,) * unknowns, (1.0,) * unknowns
+
+    @njit(inline="always")
+    def products(a, at, x):
+        """Entries of a row of the inverse times those of a point's residual, one by one."""
+        if unknowns == 1:
+            return (a[at] * x[0],)
+        if unknowns == 2:
+            return a[at] * x[0], a[at + np.uintp(1)] * x[1]
+        return a[at] * x[0], a[at + np.uintp(1)] * x[1], a[at + np.uintp(2)] * x[2]
+
     @njit(inline="always")
     def multiply(blocks, b):
         """correction = inverse residual; returns its square."""
-        points = blocks.offsets[b + 1] - blocks.offsets[b]
-        n = points * unknowns
-        a, line = blocks.inverse, blocks.inverse_offsets[b]
-        size = 0.0
+        a, line = blocks.inverse, np.uintp(blocks.inverse_offsets[b])
+        points, width = np.uintp(blocks.offsets[b + 1] - blocks.offsets[b]), np.uintp(unknowns)
+        n, size = points * width, 0.0
         for i in range(points):
-            total = scale(0.0, row(blocks.residual, 0))
+            first = second = third = none
             for j in range(points):
-                x = row(blocks.residual, j)
-                at = line + j * unknowns
-                if unknowns == 1:
-                    total = (total[0] + a[at] * x[0],)
-                elif unknowns == 2:
-                    total = (
-                        total[0] + a[at] * x[0] + a[at + 1] * x[1],
-                        total[1] + a[at + n] * x[0] + a[at + n + 1] * x[1],
-                    )
-                else:
-                    p, q = at + n, at + 2 * n
-                    total = (
-                        total[0] + a[at] * x[0] + a[at + 1] * x[1] + a[at + 2] * x[2],
-                        total[1] + a[p] * x[0] + a[p + 1] * x[1] + a[p + 2] * x[2],
-                        total[2] + a[q] * x[0] + a[q + 1] * x[1] + a[q + 2] * x[2],
-                    )
+                x, at = row(blocks.residual, j), line + j * width
+                first = add(first, products(a, at, x))
+                if unknowns > 1:
+                    second = add(second, products(a, at + n, x))
+                if unknowns > 2:
+                    third = add(third, products(a, at + n + n, x))
+            total = (dot(first, ones),)
+            if unknowns == 2:
+                total = (dot(first, ones), dot(second, ones))
+            elif unknowns == 3:
+                total = (dot(first, ones), dot(second, ones), dot(third, ones))
             set_row(blocks.correction, i, total)
             size += dot(total, total)
-            line += unknowns * n
+            line += n * width
         return size
+
+    @njit(inline="always")
+    def fetch_inverse(blocks, b):
+        """The inverse of a vertex begins to come."""
+        end = np.uintp(blocks.inverse_offsets[b + 1])
+        for line in range(np.uintp(blocks.inverse_offsets[b]), end, LINE):
+            prefetch(blocks.inverse, line)
 
     @_KERNEL
     def reset(blocks, b):
@@ -728,6 +754,8 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
     def solve_range(first, last, v, groups, tolerance, max_sweeps, relax, speed, blocks):
         sweeps, residual, traction, failed = 0, 0.0, 0.0, 0
         for b in range(first, last):
+            if b + 1 < last:
+                fetch_inverse(blocks, b + 1)
             count, error, largest, converged = solve_vertex(
                 b, v, blocks, groups, tolerance, max_sweeps, relax, speed
             )
