@@ -60,7 +60,7 @@ from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.couplings import Sides, point_velocity, prefetch
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, MERGED
-from xper_fx.nscd.law_loops import ending
+from xper_fx.nscd.law_loops import CHUNK, ending
 from xper_fx.nscd.laws.law import STORED, LawKernels
 from xper_fx.nscd.lip_kernels import lip_kernels
 from xper_fx.nscd.lips import Lips, start_frames
@@ -401,11 +401,12 @@ def _gained(law: LawKernels):
 
 @cache
 def commit_loop(law: LawKernels, sides: Sides, width: int):
-    """The loop over a range of points p, `PointArrays`, that ends a step.
+    """The loop over a range of chunks of points p, `PointArrays`, that ends a step.
 
     Of points of the second kind jumps and velocities of the start come to be without the spin that
-    laws were given, and the spin is that of the velocities `v` found. It returns what these add to
-    the numerical energy less what their couples worked against it (J; 2D: J/m).
+    laws were given, and the spin is that of the velocities `v` found. The last column of `sums` has
+    what these add to the numerical energy less what their couples worked against it, the others
+    the law's energies (J; 2D: J/m).
     """
     dim, components = sides[:2]
     own, world = for_dimension(dim, components), for_dimension(dim)
@@ -418,7 +419,7 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
     spin_of, local = lips.spin, lips.local
     turn_at, add_world, scale_world = lips.turn_at, world.add, world.scale
     read = point_velocity(sides)
-    end_step, gained = ending(law, sides), _gained(law)
+    end_step, gained, energies = ending(law, sides), _gained(law), len(law.energies)
     turns, num_arms = (1, 1) if dim == 2 else (3, 4)
 
     @njit(inline="always")
@@ -448,10 +449,11 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
             for j in range(width):
                 prefetch(v, np.uintp(dim * nodes[site, s, j]))
 
-    @njit(nogil=True, **LEAN_ENTRY)
-    def commit_range(first, last, v, c, p, step, theta, turning, motion, inverse):
-        nodes, gradient, booked, known = turning.nodes, turning.gradient, 0.0, first
-        for number in range(first, last):
+    @njit(**MERGED)
+    def end_chunk(chunk, v, c, p, step, theta, turning, motion, inverse, sums):
+        nodes, gradient, booked = turning.nodes, turning.gradient, 0.0
+        known, last = chunk * CHUNK, min((chunk + 1) * CHUNK, len(p.area))
+        for number in range(known, last):
             if number == known:
                 known = min(known + _AT_A_TIME, last)
                 for other in range(number, known):
@@ -496,8 +498,13 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
                 booked -= dot(row(p.impulse, i), spin)
                 booked -= gained(i, jump0, p.area[i], p.parameters, p.state, p.energy)
                 mean = subtract(mean, spin)
-            end_step(i, jump0, mean, u, p, step, theta)
-        return booked
+            end_step(i, jump0, mean, u, p, step, theta, sums, chunk)
+        sums[chunk, energies] += booked
+
+    @njit(nogil=True, **LEAN_ENTRY)
+    def commit_range(first, last, v, c, p, step, theta, turning, motion, inverse, sums):
+        for chunk in range(first, last):
+            end_chunk(chunk, v, c, p, step, theta, turning, motion, inverse, sums)
 
     return commit_range
 
