@@ -24,14 +24,14 @@ def ending(law: LawKernels, sides: Sides):
     """Kernel that ends the step of point i of p, `PointArrays`.
 
     Its jump, `jump0` (m) at the start, has changed at the rate `mean` (m/s); `u` is the velocity at
-    the end. Its energies are added to row `chunk` of `sums`.
+    the end. Its energies are added to `sums`.
     """
     algebra = for_dimension(sides.dim, sides.components)
     row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
     commit, energies = law.commit, len(law.energies)
 
     @njit(**MERGED)
-    def end(i, jump0, mean, u, p, step, theta, sums, chunk):
+    def end(i, jump0, mean, u, p, step, theta, sums):
         jump1, r = add(jump0, scale(step, mean)), row(p.impulse, i)
         p.status[i] = commit(
             i, jump0, jump1, u, r, p.area[i], step, theta, p.parameters,
@@ -41,7 +41,7 @@ def ending(law: LawKernels, sides: Sides):
         set_row(p.velocity, i, u)
         set_row(p.committed, i, r)
         for j in range(energies):
-            sums[chunk, j] += p.energy[i, j]
+            sums[j] += p.energy[i, j]
 
     return end
 
@@ -83,7 +83,7 @@ def step_loops(law: LawKernels, sides: Sides):
                     continue
                 jump0, u = row(p.jump, i), read(v, c, i)
                 mean = add(scale(theta, u), scale(1.0 - theta, row(p.velocity, i)))
-                end(i, jump0, mean, u, p, step, theta, sums, chunk)
+                end(i, jump0, mean, u, p, step, theta, sums[chunk])
 
     return prepare_range, commit_range
 

@@ -449,62 +449,59 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
             for j in range(width):
                 prefetch(v, np.uintp(dim * nodes[site, s, j]))
 
-    @njit(**MERGED)
-    def end_chunk(chunk, v, c, p, step, theta, turning, motion, inverse, sums):
-        nodes, gradient, booked = turning.nodes, turning.gradient, 0.0
-        known, last = chunk * CHUNK, min((chunk + 1) * CHUNK, len(p.area))
-        for number in range(known, last):
-            if number == known:
-                known = min(known + _AT_A_TIME, last)
-                for other in range(number, known):
-                    if turning.by_spin[other]:
-                        fetch(turning, np.uintp(other))
-                for other in range(number, known):
-                    if turning.by_spin[other]:
-                        fetch_nodes(v, nodes, np.uintp(turning.site[other]))
-            i = np.uintp(number)
-            jump0, start, u = row(p.jump, i), row(p.velocity, i), read(v, c, i)
-            by_spin = turning.by_spin[i]
-            if by_spin:
-                site = np.uintp(turning.site[i])
-                d, omega = row_world(turning.jump, i), turn_at(turning.omega, site)
-                start = add(start, scale(inverse, own_part(turned(omega, d))))
-            mean = add(scale(theta, u), scale(1.0 - theta, start))
-            spin = scale(0.0, jump0)
-            if by_spin and inverse == 0.0:
-                d0 = apart(motion.displacement, c, i)
-                there = own_part(local(axes_at(turning.start, site), d0))
-                change = subtract(there, to_local(c.frame, i, d0))
-                spin, jump0 = scale(1.0 / step, change), add(jump0, change)
-            elif by_spin:
-                arms, axes = arms_at(turning.arms, site), axes_at(turning.axes, site)
-                rates = plus(
-                    pushed(motion.rate, turning.tangent, site, 0.0),
-                    1.0,
-                    tangents(v, nodes, gradient, site),
-                )
-                end = spin_of(rates, arms, axes)
-                if motion.starts:  # what is known is that of v0
-                    at_start = omega
-                else:
+    @njit(nogil=True, **LEAN_ENTRY)
+    def commit_range(first, last, v, c, p, step, theta, turning, motion, inverse, sums):
+        nodes, gradient = turning.nodes, turning.gradient
+        for chunk in range(first, last):
+            booked = 0.0
+            known, end_of_chunk = chunk * CHUNK, min((chunk + 1) * CHUNK, len(p.area))
+            for number in range(known, end_of_chunk):
+                if number == known:
+                    known = min(known + _AT_A_TIME, end_of_chunk)
+                    for other in range(number, known):
+                        if turning.by_spin[other]:
+                            fetch(turning, np.uintp(other))
+                    for other in range(number, known):
+                        if turning.by_spin[other]:
+                            fetch_nodes(v, nodes, np.uintp(turning.site[other]))
+                i = np.uintp(number)
+                jump0, start, u = row(p.jump, i), row(p.velocity, i), read(v, c, i)
+                by_spin = turning.by_spin[i]
+                if by_spin:
+                    site = np.uintp(turning.site[i])
+                    d, omega = row_world(turning.jump, i), turn_at(turning.omega, site)
+                    start = add(start, scale(inverse, own_part(turned(omega, d))))
+                mean = add(scale(theta, u), scale(1.0 - theta, start))
+                spin = scale(0.0, jump0)
+                if by_spin and inverse == 0.0:
+                    d0 = apart(motion.displacement, c, i)
+                    there = own_part(local(axes_at(turning.start, site), d0))
+                    change = subtract(there, to_local(c.frame, i, d0))
+                    spin, jump0 = scale(1.0 / step, change), add(jump0, change)
+                elif by_spin:
+                    arms, axes = arms_at(turning.arms, site), axes_at(turning.axes, site)
                     rates = plus(
                         pushed(motion.rate, turning.tangent, site, 0.0),
                         1.0,
-                        tangents(motion.velocity, nodes, gradient, site),
+                        tangents(v, nodes, gradient, site),
                     )
-                    at_start = spin_of(rates, arms, axes)
-                spin = own_part(turned(mixed(theta, end, at_start), d))
-            if by_spin:
-                booked -= dot(row(p.impulse, i), spin)
-                booked -= gained(i, jump0, p.area[i], p.parameters, p.state, p.energy)
-                mean = subtract(mean, spin)
-            end_step(i, jump0, mean, u, p, step, theta, sums, chunk)
-        sums[chunk, energies] += booked
-
-    @njit(nogil=True, **LEAN_ENTRY)
-    def commit_range(first, last, v, c, p, step, theta, turning, motion, inverse, sums):
-        for chunk in range(first, last):
-            end_chunk(chunk, v, c, p, step, theta, turning, motion, inverse, sums)
+                    end = spin_of(rates, arms, axes)
+                    if motion.starts:  # what is known is that of v0
+                        at_start = omega
+                    else:
+                        rates = plus(
+                            pushed(motion.rate, turning.tangent, site, 0.0),
+                            1.0,
+                            tangents(motion.velocity, nodes, gradient, site),
+                        )
+                        at_start = spin_of(rates, arms, axes)
+                    spin = own_part(turned(mixed(theta, end, at_start), d))
+                if by_spin:
+                    booked -= dot(row(p.impulse, i), spin)
+                    booked -= gained(i, jump0, p.area[i], p.parameters, p.state, p.energy)
+                    mean = subtract(mean, spin)
+                end_step(i, jump0, mean, u, p, step, theta, sums[chunk])
+            sums[chunk, energies] += booked
 
     return commit_range
 
