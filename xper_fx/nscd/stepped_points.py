@@ -286,19 +286,19 @@ class SteppedPoints(PointValues):
         """Size of the step over that of the last, as impulses of the same forces have it."""
         return self.step_size / self.committed_step if self.committed_step > 0.0 else 1.0
 
-    def begin_step(self, step: float, theta: float) -> None:
+    def begin_step(self, step: float, theta: float, by_vertex: bool = False) -> None:
         """Set the constants of the step in every law; impulses start from the last step's.
-
-        Where points are ordered by vertices, the solver of these does so as it goes through them.
 
         Args:
             step: h (s).
             theta: weight of the end of the step.
+            by_vertex: whether permanent points are left to a solver that goes through vertices, and
+                does so there.
         """
         self.step_size, self.theta = step, theta
         if self.turns:  # it is that of frames of a step before, which a restarted run does not know
             self._stiffness = None
-        left_to_solver = len(self._permanent.groups) if self.ordering == "vertices" else 0
+        left_to_solver = len(self._permanent.groups) if by_vertex else 0
         for number, g in enumerate(self.groups):
             if number >= left_to_solver or self.fused is not None:
                 np.multiply(g.committed_impulse, self.step_ratio, out=g.impulse)
