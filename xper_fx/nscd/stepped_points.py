@@ -368,6 +368,11 @@ class SteppedPoints(PointValues):
         return total
 
     @property
+    def permanent(self) -> list[PointGroup]:
+        """The groups of permanent points."""
+        return self._permanent.groups
+
+    @property
     def joints(self) -> list[PointGroup]:
         """The groups of the rows of joints, of those that were given last."""
         return self._carried.groups
