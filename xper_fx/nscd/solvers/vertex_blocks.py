@@ -840,7 +840,7 @@ class VertexBlocks(Solver):
             options.tolerance,
             options.max_sweeps,
             options.relaxation,
-            max(np.abs(velocity).max(), np.finfo(float).tiny),
+            max(velocity.max(), -velocity.min(), _TINY),
             spaces=[blocks.for_thread(free) for _ in range(threads)],
         )
         sweeps, residual, traction, failed = zip(*found, strict=True)
