@@ -170,13 +170,13 @@ def bodies_of_few() -> int:
 
 
 def places_of_facets(lengths, cells, kind) -> float:
-    """How far facets are from those of the whole mesh of which they should have the places."""
+    """How far nodes of facets are from those of the whole mesh whose places they should have."""
     scenes.COMM = MPI.COMM_SELF
-    there = scenes.box_bodies(lengths, cells, kind).facets.midpoint
+    there = scenes.box_bodies(lengths, cells, kind).facet_nodes(2)
     scenes.COMM = WORLD
     bodies = scenes.box_bodies(lengths, cells, kind)
     places, count = bodies.facet_places()
-    return np.abs(there[places] - bodies.facets.midpoint).max() + abs(count - len(there))
+    return np.abs(there[places] - bodies.facet_nodes(2)).max() + abs(count - len(there))
 
 
 def holed(x: np.ndarray) -> np.ndarray:
