@@ -97,7 +97,7 @@ def cell_of(
         facets[VOID] = _hole_surface(full, mesh, lengths)
     bodies = EACH_CELL
     if label is not None:
-        where = midpoints(mesh)
+        where = midpoints(mesh)[:, : mesh.topology.index_map(mesh.topology.dim).size_local]
         bodies = label(where).astype(int) if callable(label) else np.full(where.shape[1], label)
     tags = tag_cells(mesh, material or {})
     facet_tags = tag_facets(mesh, facets) if facets else None

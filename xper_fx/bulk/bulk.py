@@ -51,7 +51,7 @@ class Bulk:
             regularised, so that what is prescribed must hold every body, or every group of bodies
             that interactions join.
         joined: pairs of bodies between which interactions act, shape (n, 2), at least all that
-            this rank's are in; a periodic cell takes those of all ranks.
+            this rank's are in.
         ranks: ranks that divide the bodies; vectors are this rank's, sums those of all.
         numbers: shape (num_bodies,), which of the bodies of all ranks this rank's are; None where
             it has all.
@@ -150,12 +150,19 @@ class Bulk:
         x = self.forms.V.tabulate_dof_coordinates()[layout.nodes, : self.dim]
         return x, layout.prescribed[layout.dofs(layout.nodes)].reshape(x.shape)
 
+    @property
+    def numbers(self) -> np.ndarray:
+        """Which of the bodies of all ranks this rank's are, shape (num_bodies,)."""
+        if self._numbers is None:
+            return np.arange(self.forms.bodies.num_bodies)
+        return self._numbers
+
     def loose_bodies(self, joined: np.ndarray) -> tuple[np.ndarray, int, np.ndarray]:
         """As `rigid_motions.loose_bodies`, for pairs of bodies, shape (n, 2)."""
         x, held = self.nodes_of_bodies()
         sizes = np.diff(self.layout.offsets)
         held[np.repeat(np.isin(np.arange(len(sizes)), self._leaning), sizes)] = True
-        return loose_bodies(x, sizes, held, joined, self._numbers, self.ranks)
+        return loose_bodies(x, sizes, held, joined, self.numbers, self.ranks)
 
     def _held_by_interactions(self, joined: np.ndarray) -> bool:
         """Whether interactions hold bodies that nothing else does.

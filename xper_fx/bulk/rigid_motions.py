@@ -38,7 +38,7 @@ def loose_bodies(
     sizes: np.ndarray,
     held: np.ndarray,
     joined: np.ndarray,
-    numbers: np.ndarray | None,
+    numbers: np.ndarray,
     ranks: Ranks,
 ) -> tuple[np.ndarray, int, np.ndarray]:
     """The first group of joined bodies that is free to move; all ranks call it together.
@@ -50,7 +50,7 @@ def loose_bodies(
         x, held: as of `free_rigid_motions`, of this rank's bodies.
         sizes: shape (num_bodies,), nodes of each.
         joined: pairs of bodies, shape (n, 2); those of other ranks may be among them.
-        numbers: shape (num_bodies,), which of the bodies of all ranks they are; None if all are.
+        numbers: shape (num_bodies,), which of the bodies of all ranks they are.
         ranks: that divide the bodies.
 
     Returns:
@@ -59,9 +59,7 @@ def loose_bodies(
     """
     from scipy.sparse import coo_array
 
-    if numbers is None:
-        numbers = np.arange(len(sizes))
-    group, num_shared, num_groups = _groups(joined, numbers, ranks)
+    group, num_shared, num_groups = joined_groups(joined, numbers, ranks)
     group_of_node = np.repeat(group, sizes)
     count, dim = len(x), x.shape[1]
     places = (group_of_node, np.arange(count))
@@ -97,8 +95,13 @@ def loose_bodies(
     return bodies, int(ways), np.array(place)
 
 
-def _groups(joined: np.ndarray, numbers: np.ndarray, ranks: Ranks) -> tuple[np.ndarray, int, int]:
+def joined_groups(
+    joined: np.ndarray, numbers: np.ndarray, ranks: Ranks
+) -> tuple[np.ndarray, int, int]:
     """The groups of joined bodies, those that reach over several ranks first.
+
+    Args:
+        joined, numbers, ranks: as of `loose_bodies`, which call it together.
 
     Returns:
         The group of each of this rank's bodies, how many groups all ranks have alike, and how many
