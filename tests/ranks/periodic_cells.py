@@ -77,14 +77,15 @@ SCENES = {f.__name__: f for f in (small_strain, finite_strain, held, plastic, ea
 def run(name: str) -> dict[str, np.ndarray]:
     """History of a cell, one value a step and column, the same on every rank.
 
-    Where the name begins with "spread_" the mesh is spread over the ranks.
+    Where the name begins with "spread_" the mesh is spread over the ranks, and a run that is
+    restarted says its elastic energy at the end.
     """
-    scenes.COMM = MPI.COMM_WORLD if name.startswith("spread_") else MPI.COMM_SELF
+    spread = name.startswith("spread_")
+    scenes.COMM = MPI.COMM_WORLD if spread else MPI.COMM_SELF
     scene, steps = SCENES[name.removeprefix("spread_")]()
     scenes.COMM = MPI.COMM_SELF
-    simulation = Simulation(
-        scene, STEP, theta=0.7, tolerance=1e-8, newton_tolerance=1e-9, solver="nlgs", num_threads=1
-    )
+    options = {"theta": 0.7, "tolerance": 1e-8, "newton_tolerance": 1e-9, "solver": "nlgs"}
+    simulation = Simulation(scene, STEP, num_threads=1, **options)
     world = simulation.team.comm
     unknowns = simulation.bulk.unknowns
     history: dict[str, list] = {}
@@ -102,6 +103,9 @@ def run(name: str) -> dict[str, np.ndarray]:
         now |= {"norm": simulation.bulk.norm(state.velocity)}
         for key, value in now.items():
             history.setdefault(key, []).append(value)
+        if spread and record.step == steps - 3:
+            again = Simulation(scene, STEP, num_threads=1, **options)
+            again.restore(simulation.saved_in_order())
     V, interactions = simulation.forms.V, simulation.interactions
     nodes, offsets = simulation.bodies.node_permutation(V)
     displacement = simulation.displacement.x.array.reshape(-1, 2)[nodes]
@@ -115,6 +119,8 @@ def run(name: str) -> dict[str, np.ndarray]:
         sides = simulation.part.rank_of_body[bodies]
         shared = np.count_nonzero(sides[:, 0] != sides[:, 1])
     found = {name: np.array(column) for name, column in history.items()}
+    if spread:
+        found["again"] = [record.energies["elastic"] for record in again.steps(steps * STEP)]
     return found | {
         "damage": interactions.gather("damage"),
         "jump": interactions.gather("jump"),

@@ -7,8 +7,10 @@ FOLDER, then names of `meshed_scenes`, what to record as NAME=LAST, "held", "bal
 
 import sys
 import tracemalloc
+from collections.abc import Callable
 from dataclasses import replace
 
+import cells
 import meshed_scenes
 import numpy as np
 import recorded
@@ -169,14 +171,46 @@ def bodies_of_few() -> int:
     return np.count_nonzero(bodies.spread.rank_of_body == WORLD.rank)
 
 
-def places_of_facets(lengths, cells, kind) -> float:
-    """How far nodes of facets are from those of the whole mesh whose places they should have."""
+def grains(shear: float, hole: bool) -> xf.Bodies:
+    """A cell of grains that go on over its boundary, of tetrahedra or of rectangles and a hole."""
+    comm = scenes.COMM
+    if hole:
+        scenes.COMM = MPI.COMM_SELF
+        within = lambda x: np.all(np.abs(x[:2] - 0.5).T < [0.06, 0.13], axis=1)  # noqa: E731
+        mesh = cells.without(scenes.mesh_of((1, 1), (9, 8), "quadrilateral"), within, comm)
+        scenes.COMM = comm
+        tags, voids = {7: lambda x: x[1] < 1e-9, cells.VOID: within}, [cells.VOID]
+    else:
+        mesh, voids = scenes.mesh_of((1, 1, 1), (6, 4, 4), "tetrahedron"), []
+        tags = {7: lambda x: (x[1] < 1e-9) | (x[1] > 1 - 1e-9)}
+    dim = mesh.topology.dim
+    x = scenes.midpoints(mesh)[:dim, : mesh.topology.index_map(dim).size_local]
+    places = np.floor((x.T + 0.2) % 1.0 * [3, 2, 2][:dim] + 1e-9)
+    label = (places @ [7, 3, 1][:dim]).astype(int)
+    tagged = xf.tag_cells(mesh, {2: lambda x: x[1] > 0.5}), xf.tag_facets(mesh, tags)
+    mesh.geometry.x[:, 0] += shear * mesh.geometry.x[:, 1]
+    lattice = np.eye(dim)
+    lattice[1, 0] = shear
+    return xf.explode(mesh, label, *tagged, lattice=lattice, voids=voids)
+
+
+def places_of_facets(bodies_of: Callable, *given) -> float:
+    """How far facets are from those of the whole mesh whose places they should have."""
     scenes.COMM = MPI.COMM_SELF
-    there = scenes.box_bodies(lengths, cells, kind).facet_nodes(2)
+    whole = bodies_of(*given)
     scenes.COMM = WORLD
-    bodies = scenes.box_bodies(lengths, cells, kind)
+    bodies = bodies_of(*given)
     places, count = bodies.facet_places()
-    return np.abs(there[places] - bodies.facet_nodes(2)).max() + abs(count - len(there))
+    own = bodies.spread.rank_of_body == WORLD.rank
+    known, there = own[bodies.facets.bodies], own[bodies.ties.bodies[:, 0]]
+    sides = np.sum(WORLD.allgather([np.count_nonzero(known), 2 * np.count_nonzero(there)]), axis=0)
+    far = [abs(count - len(whole.facets)), *np.subtract(sides, [2 * count, 2 * len(whole.ties)])]
+    far.append(bodies.facet_nodes(2) - whole.facet_nodes(2)[places])
+    for name in ("normal", "measure", "tag", "materials"):
+        far.append(getattr(bodies.facets, name) - getattr(whole.facets, name)[places])
+    if whole.lattice is not None:
+        far.append(bodies.labels[bodies.facets.bodies] - whole.labels[whole.facets.bodies[places]])
+    return max(np.abs(one).max() for one in far)
 
 
 def holed(x: np.ndarray) -> np.ndarray:
@@ -217,7 +251,7 @@ def wrong() -> list[str]:
         lambda: Simulation(replace(scene, default_interaction=holed_bond), **options),
         lambda: xf.explode(mesh, np.zeros(own, int)),
         lambda: xf.explode(mesh, np.full(own, -WORLD.rank)),
-        lambda: xf.explode(mesh, lattice=(1.0, 1.0)),
+        lambda: xf.explode(mesh, lattice=(2.0, 0.5)),
         lambda: xf.output.take_frame(Simulation(scene, **options), "", ""),
         lambda: Simulation(scene, **options).restore(one_state),
         lambda: Simulation(alone, comm=MPI.COMM_SELF, **options).restore(spread_state),
@@ -250,9 +284,13 @@ def main() -> None:
             found = {"cells": WORLD.gather(blocks_of_one_rank()), "work": work_of_ranks()}
             found["few"] = WORLD.gather(bodies_of_few())
         elif name == "places":
-            boxes = ((1.0, 3.0), (5, 4), "crossed"), ((1.0, 1.0, 2.0), (2, 3, 2), "tetrahedron")
+            made = (
+                (scenes.box_bodies, (1.0, 3.0), (5, 4), "crossed"),
+                (scenes.box_bodies, (1.0, 1.0, 2.0), (2, 3, 2), "tetrahedron"),
+                (grains, 0.0, True), (grains, 0.25, False),
+            )  # fmt: skip
             found = {
-                "distance": WORLD.gather([places_of_facets(*box) for box in boxes]),
+                "distance": WORLD.gather([places_of_facets(*one) for one in made]),
                 "described": str(fingerprint(meshed_scenes.uneven()[0], [0.0])),
             }
             name = f"places_{WORLD.size}"

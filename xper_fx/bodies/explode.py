@@ -772,7 +772,7 @@ def _pairs_known(
     facets = order[np.column_stack([same, same + 1])]
     nodes = facet_geometry_nodes(mesh, cells[facets].ravel(), local[facets].ravel())
     middle = midpoints_of(mesh.geometry.x[:, : mesh.geometry.dim], nodes)
-    middle = middle.reshape(*facets.shape, -1)
+    middle = middle.reshape(*facets.shape, mesh.geometry.dim)
     return FacetPairs(facets, middle[:, 1] - middle[:, 0])
 
 

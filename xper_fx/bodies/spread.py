@@ -2,10 +2,10 @@
 """The cells that a rank needs of a mesh that DOLFINx has spread over several.
 
 A rank has the bodies that are its own, and as *neighbours* the cells of others that share a vertex
-with them, in a periodic cell also across its boundary: all cells that meet at a vertex of one's own bodies are then known, which is what
-decides where the interaction points at this vertex belong. Nothing else of the mesh is held, and
-nothing is collected on one rank: who meets at a vertex is found out by the rank that keeps its
-number (number modulo the number of ranks).
+with them, in a periodic cell also across its boundary: all cells that meet at a vertex of one's own
+bodies are then known, which is what decides where the interaction points at this vertex belong.
+Nothing else of the mesh is held, and nothing is collected on one rank: who meets at a vertex is
+found out by the rank that keeps its number (number modulo the number of ranks).
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def known_cells(
     if label is None:
         label, rank = number, np.full(count, ranks.rank, np.int32)
     else:
-        rank = rank_of_bodies(ranks, mesh, label)
+        rank = rank_of_bodies(ranks, mesh, label, None if border is None else border.lattice)
     which, to = _needed(ranks, nodes if border is None else border.vertex, rank)
     told = (number, rank, label, material, facet_tag, nodes, mesh.geometry.x[dofmap][:, :, :tdim])
     told += () if border is None else (border.pair,)

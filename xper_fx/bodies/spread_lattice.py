@@ -30,6 +30,7 @@ class Border(NamedTuple):
     #: shape (num_cells, vertices of a cell), int64: the smallest number of the vertices that are
     #: one vertex of the periodic medium
     vertex: npt.NDArray[np.int64]
+    lattice: npt.NDArray[np.float64]  #: shape (dim, dim), period vectors as rows, m
 
 
 def border_of(
@@ -83,4 +84,4 @@ def border_of(
     first = JoinedNumbers(ranks, numbers).smallest(pairs)[np.searchsorted(numbers, known)]
     out = np.full(facet_tag.shape, -1, np.int64)
     out[cell, side] = keepers.answer(pair)
-    return Border(out, first[where].reshape(dofmap.shape))
+    return Border(out, first[where].reshape(dofmap.shape), lattice)

@@ -172,8 +172,8 @@ def _of_array(name: str, values: np.ndarray, places: Places) -> np.ndarray:
     if places.num_points[0] < 0:
         raise ValueError(
             f"{name} has {many}; of a mesh that is spread over ranks it should have one for each "
-            f"of the {places.num_facets} facing facets that this rank knows, {rows}, in the order of "
-            "`bodies.facets`: of a table of the whole mesh, table[bodies.facet_places()[0]]."
+            f"of the {places.num_facets} facing facets that this rank knows, {rows}, in the order "
+            "of `bodies.facets`: of a table of the whole mesh, table[bodies.facet_places()[0]]."
         )
     raise ValueError(
         f"{name} has {many}; it should have one for each of the {places.num_facets} facing facets "
