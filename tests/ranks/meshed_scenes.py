@@ -199,9 +199,10 @@ def space():
 
 
 def uneven():
-    """Random strengths a facet, arrays over facets and points, modes apart; until rings of rubbing lips close at vertices.
+    """Random strengths a facet, arrays over facets and points, modes apart.
 
-    Impulses within such a ring are not unique, and its slip hangs on them.
+    It ends when rings of rubbing lips close at vertices. Impulses within such a ring are not
+    unique, and its slip hangs on them.
     """
     loads, start = stretched(1.0)
     bodies = box_bodies((1, 1), (6, 6))

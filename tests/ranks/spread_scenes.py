@@ -172,7 +172,7 @@ def bodies_of_few() -> int:
 
 
 def grains(shear: float, hole: bool) -> xf.Bodies:
-    """A cell of grains that go on over its boundary, of tetrahedra or of rectangles and a hole."""
+    """A periodic cell: grains of rectangles, some on both sides, and a hole, or tetrahedra."""
     comm = scenes.COMM
     if hole:
         scenes.COMM = MPI.COMM_SELF
@@ -181,12 +181,12 @@ def grains(shear: float, hole: bool) -> xf.Bodies:
         scenes.COMM = comm
         tags, voids = {7: lambda x: x[1] < 1e-9, cells.VOID: within}, [cells.VOID]
     else:
-        mesh, voids = scenes.mesh_of((1, 1, 1), (6, 4, 4), "tetrahedron"), []
+        mesh, voids = scenes.mesh_of((1, 1, 1), (6, 3, 3), "tetrahedron"), []
         tags = {7: lambda x: (x[1] < 1e-9) | (x[1] > 1 - 1e-9)}
     dim = mesh.topology.dim
     x = scenes.midpoints(mesh)[:dim, : mesh.topology.index_map(dim).size_local]
-    places = np.floor((x.T + 0.2) % 1.0 * [3, 2, 2][:dim] + 1e-9)
-    label = (places @ [7, 3, 1][:dim]).astype(int)
+    places = np.floor((x.T + 0.2) % 1.0 * ([3, 2] if hole else 99) + 1e-9)
+    label = (places @ [1, 99, 9801][:dim]).astype(int)
     tagged = xf.tag_cells(mesh, {2: lambda x: x[1] > 0.5}), xf.tag_facets(mesh, tags)
     mesh.geometry.x[:, 0] += shear * mesh.geometry.x[:, 1]
     lattice = np.eye(dim)
@@ -210,6 +210,13 @@ def places_of_facets(bodies_of: Callable, *given) -> float:
         far.append(getattr(bodies.facets, name) - getattr(whole.facets, name)[places])
     if whole.lattice is not None:
         far.append(bodies.labels[bodies.facets.bodies] - whole.labels[whole.facets.bodies[places]])
+        x = whole.mesh.geometry.x[:, : whole.mesh.geometry.dim]
+        at = cells.wrap(x, whole.lattice).round(9) + 0.0
+        vertex = np.unique(at, axis=0, return_inverse=True)[1].ravel()
+        vertex = vertex[geometry_dofmap(whole.mesh)]
+        label = whole.labels[whole.body_of_cell]
+        here = np.isin(vertex, vertex[np.isin(label, bodies.labels[own])]).any(axis=1)
+        far.append(len(np.setxor1d(label[here], bodies.labels)))
     return max(np.abs(one).max() for one in far)
 
 

@@ -568,9 +568,7 @@ def _explode_share(
                 f"Rank {ranks.rank} of {ranks.size} gets none of the bodies, each of which is "
                 "whole on the rank that has most of its cells: take fewer ranks or smaller bodies."
             )
-        return _cut(
-            cells.mesh, cells.label, cells.cell_tags, cells.facet_tags, lattice, pairs
-        )
+        return _cut(cells.mesh, cells.label, cells.cell_tags, cells.facet_tags, lattice, pairs)
 
     known = ranks.together(cut)
     rank_of_cell = cells.rank[known.parent_cell]

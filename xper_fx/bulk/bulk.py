@@ -150,19 +150,12 @@ class Bulk:
         x = self.forms.V.tabulate_dof_coordinates()[layout.nodes, : self.dim]
         return x, layout.prescribed[layout.dofs(layout.nodes)].reshape(x.shape)
 
-    @property
-    def numbers(self) -> np.ndarray:
-        """Which of the bodies of all ranks this rank's are, shape (num_bodies,)."""
-        if self._numbers is None:
-            return np.arange(self.forms.bodies.num_bodies)
-        return self._numbers
-
     def loose_bodies(self, joined: np.ndarray) -> tuple[np.ndarray, int, np.ndarray]:
         """As `rigid_motions.loose_bodies`, for pairs of bodies, shape (n, 2)."""
         x, held = self.nodes_of_bodies()
         sizes = np.diff(self.layout.offsets)
         held[np.repeat(np.isin(np.arange(len(sizes)), self._leaning), sizes)] = True
-        return loose_bodies(x, sizes, held, joined, self.numbers, self.ranks)
+        return loose_bodies(x, sizes, held, joined, self._numbers, self.ranks)
 
     def _held_by_interactions(self, joined: np.ndarray) -> bool:
         """Whether interactions hold bodies that nothing else does.

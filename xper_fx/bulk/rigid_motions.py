@@ -38,7 +38,7 @@ def loose_bodies(
     sizes: np.ndarray,
     held: np.ndarray,
     joined: np.ndarray,
-    numbers: np.ndarray,
+    numbers: np.ndarray | None,
     ranks: Ranks,
 ) -> tuple[np.ndarray, int, np.ndarray]:
     """The first group of joined bodies that is free to move; all ranks call it together.
@@ -50,7 +50,7 @@ def loose_bodies(
         x, held: as of `free_rigid_motions`, of this rank's bodies.
         sizes: shape (num_bodies,), nodes of each.
         joined: pairs of bodies, shape (n, 2); those of other ranks may be among them.
-        numbers: shape (num_bodies,), which of the bodies of all ranks they are.
+        numbers: shape (num_bodies,), which of the bodies of all ranks they are; None if all are.
         ranks: that divide the bodies.
 
     Returns:
@@ -59,6 +59,8 @@ def loose_bodies(
     """
     from scipy.sparse import coo_array
 
+    if numbers is None:
+        numbers = np.arange(len(sizes))
     group, num_shared, num_groups = joined_groups(joined, numbers, ranks)
     group_of_node = np.repeat(group, sizes)
     count, dim = len(x), x.shape[1]
