@@ -9,6 +9,7 @@ import sys
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
+from importlib.util import find_spec
 
 import cells
 import meshed_scenes
@@ -23,6 +24,9 @@ import xper_fx as xf
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.output import row_blocks
 from xper_fx.parallel.launch import run_together
+from xper_fx.periodic.microstructure.mesh import mesh_tessellation
+from xper_fx.periodic.microstructure.seeds import random_seeds
+from xper_fx.periodic.microstructure.tessellation import tessellate
 from xper_fx.scene.fingerprint import fingerprint
 from xper_fx.scene.tie import tie_points
 from xper_fx.simulation.bulk_resolution import bulk_resolution
@@ -194,6 +198,13 @@ def grains(shear: float, hole: bool) -> xf.Bodies:
     return xf.explode(mesh, label, *tagged, lattice=lattice, voids=voids)
 
 
+def grown() -> xf.Bodies:
+    """Grains that Gmsh has meshed."""
+    grains = tessellate(random_seeds(6, (1, 1), 0), (1, 1))
+    made = mesh_tessellation(grains, 0.1, [1, 2, 1, 2, 1, 2], scenes.COMM)
+    return xf.explode(made.mesh, made.grain, made.cell_tags, lattice=made.lattice)
+
+
 def places_of_facets(bodies_of: Callable, *given) -> float:
     """How far facets are from those of the whole mesh whose places they should have."""
     scenes.COMM = MPI.COMM_SELF
@@ -296,6 +307,7 @@ def main() -> None:
                 (scenes.box_bodies, (1.0, 1.0, 2.0), (2, 3, 2), "tetrahedron"),
                 (grains, 0.0, True), (grains, 0.25, False),
             )  # fmt: skip
+            made += ((grown,),) if find_spec("gmsh") else ()
             found = {
                 "distance": WORLD.gather([places_of_facets(*one) for one in made]),
                 "described": str(fingerprint(meshed_scenes.uneven()[0], [0.0])),
