@@ -112,7 +112,6 @@ def test_what_does_not_fit_is_refused_on_all_ranks(folder):
             "ValueError: Rank 1 of 3 gets none of the bodies",
             r"ValueError: bodies\[0\] is -1",
             r"ValueError: .* of \d+ nodes on the cell's boundary have no translate",
-            "SerialOnlyError: A picture of all bodies takes a mesh that is whole",
             "CheckpointError: .* of another scene: its mesh was whole on each rank, .* is not",
             "CheckpointError: .* of another scene: its mesh was not whole on each rank, .* is",
             "ValueError: .*InitialStress",
