@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
     from xper_fx.nscd.interactions import Interactions
     from xper_fx.parallel.coupled_rows import SharedCoupledSystem
-    from xper_fx.parallel.petsc_newton import LinearSystem
+    from xper_fx.parallel.cut_clusters import CutClusters
+    from xper_fx.parallel.whole_matrix import WholeMatrix
 
 
 class Exchange:
@@ -307,11 +308,22 @@ class Halo:
         """Values at all points from those at this rank's, in the scene's order, on every rank."""
         return self.ranks.gather(self.numbers, values)
 
-    def linear_system(self, interactions: Interactions) -> LinearSystem:
-        """The linear system of Newton's method over all ranks; they make it together."""
-        from xper_fx.parallel.petsc_newton import LinearSystem
+    def cut_clusters(self, interactions: Interactions) -> CutClusters:
+        """Clusters of facing nodes as this rank knows them; all ranks find them together."""
+        from xper_fx.parallel.cut_clusters import cut_clusters
 
-        return LinearSystem(interactions)
+        return cut_clusters(interactions)
+
+    def whole_matrix(self, interactions: Interactions, fixed: np.ndarray) -> WholeMatrix:
+        """The matrix of Newton's method over all ranks, which make it together.
+
+        Args:
+            interactions: this rank's points.
+            fixed: shape (n,), which degrees of freedom of its slots and ghosts are prescribed.
+        """
+        from xper_fx.parallel.whole_matrix import WholeMatrix
+
+        return WholeMatrix(interactions, fixed)
 
     def coupled_system(
         self,

@@ -1001,19 +1001,26 @@ class LinearisedProblem:
     def _apply(self, x: np.ndarray, y: np.ndarray) -> None:
         """y = (w^-1 + H K H^T) x."""
         self.momentum(x, y)
+        self._pull(x, y)
+        self.hold(y)
+
+    def _pull(self, x: np.ndarray, y: np.ndarray) -> None:
+        """y += H K H^T x, both of shape (num_slots * dim,)."""
         for g, own in zip(self._interactions.groups, self.tangents.groups, strict=True):
             self._springs(g)[0](x, g.couplings, own.stiffness, y)
-        self.hold(y)
 
     def _first(self, r: np.ndarray, z: np.ndarray, y: np.ndarray) -> bool:
         """z = B r by the first correction alone; whether y is (w^-1 + H K H^T) z."""
         if self._direct:
             z[:] = self._factors.solve(r)
             return False
-        _cluster_sweep(self._interactions.dim)(
-            self._clusters, self._couplings, self._blocks, r, z, y, self._beside
-        )  # fmt: skip
+        self._sweep(self._clusters, r, z, y)
         return self._within
+
+    def _sweep(self, clusters: Clusters, r: np.ndarray, z: np.ndarray, y: np.ndarray) -> None:
+        _cluster_sweep(self._interactions.dim)(
+            clusters, self._couplings, self._blocks, r, z, y, self._beside
+        )  # fmt: skip
 
     def _precondition(self, r: np.ndarray, z: np.ndarray, y: np.ndarray) -> None:
         known = self._first(r, z, y)
