@@ -2,6 +2,7 @@
 """How a notched plate scales with the number of ranks, and what more ranks would give.
 
     ./fenicsx python3 benchmarks/rank_scaling.py [--cells 160] [--model 64 256 1024]
+    ./fenicsx python3 benchmarks/rank_scaling.py --scheme newton --cells 40 --ranks 2
 
 Each number of ranks is a process group of its own (`mpirun -n N`), one thread a rank but for the
 second line:
@@ -12,10 +13,10 @@ second line:
 - *strong*: the plate stays, ranks share it;
 - *weak*: the number of cells a rank stays.
 
-For the explicit bulk with vertices solved alone and for the implicit bulk with sweeps it prints the
-median time of a step, the part of it spent in exchanges and sums over ranks (waiting for others
-included), how many they are, and bytes. More ranks than cores share the cores, so that times then
-say nothing.
+For the explicit bulk with vertices solved alone and for the implicit bulk with sweeps, and if asked
+for with Newton's method (steps of 1 ns) and for a static run in one system, it prints the median
+time of a step, the part of it spent in exchanges and sums over ranks (waiting for others included),
+how many they are, and bytes. More ranks than cores share the cores, so that times then say nothing.
 
 The model: a step of n points on P ranks takes
 
@@ -41,6 +42,7 @@ import json
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -48,9 +50,10 @@ import numpy as np
 from mpi4py import MPI
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "demos"))
-from notched_plate import notched_plate
+from notched_plate import LEFT, notched_plate
 
-from xper_fx.parallel.halo import Exchange
+import xper_fx as xf
+from xper_fx.parallel.exchange import Exchange
 from xper_fx.parallel.local_bodies import bodies_by_rank
 from xper_fx.parallel.ownership import owners_by_facet
 from xper_fx.parallel.turns import Visits, hand_over_rows, phases_of_rows
@@ -61,6 +64,12 @@ from xper_fx.support.ranks import Ranks
 LATENCY, BANDWIDTH = 2e-6, 10e9
 WARM, STEPS, CALLS = 3, 40, 400
 POINTS, MOST = 10_000, 10_000_000  # a rank, and of all that are divided, in the model
+RUNS = {
+    "explicit": {"scheme": "explicit", "solver": "auto", "tolerance": 1e-3},
+    "implicit": {"scheme": "implicit", "solver": "nlgs", "tolerance": 1e-3},
+    "newton": {"scheme": "implicit", "solver": "newton", "tolerance": 1e-4, "step": 1e-9},
+    "static": {"theta": 1.0, "inertia": False, "solver": "monolithic", "step": 2e-9},
+}
 
 
 class Clock:
@@ -121,11 +130,11 @@ def cost_of_messages(ranks: Ranks, count: int) -> float:
 def measure(cells: int, scheme: str, threads: int) -> dict:
     """Steps of the plate on all ranks that were started, so many threads each."""
     clock = Clock()
-    simulation = Simulation(
-        notched_plate(cells, "weak", homogeneous=True), scheme=scheme, tolerance=1e-3,
-        solver="auto" if scheme == "explicit" else "nlgs",
-        num_threads=threads,
-    )  # fmt: skip
+    plate = notched_plate(cells, "weak", homogeneous=True)
+    if scheme == "static":
+        loads = [*plate.loads, xf.PrescribedVelocity(LEFT, 1, 0.0)]
+        plate = replace(plate, loads=loads, initial_velocity=None)
+    simulation = Simulation(plate, num_threads=threads, **RUNS[scheme])
     step, ranks = simulation.step_size, simulation.ranks
     for _ in simulation.steps(WARM * step):
         pass
@@ -253,7 +262,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, default=80, help="quads a side on one rank")
     parser.add_argument("--ranks", type=int, nargs="+", default=[2, 4], help="beside one")
-    parser.add_argument("--scheme", choices=("explicit", "implicit"), help="default: both")
+    parser.add_argument("--scheme", choices=tuple(RUNS), help="default: explicit, implicit")
     parser.add_argument(
         "--model", type=int, nargs="+", default=[64, 256], help="numbers of ranks of the model"
     )
@@ -279,7 +288,7 @@ def main() -> None:
             cells = 20 * round(options.cells * count**0.5 / 20)
             found = told(start(count, cells, scheme))
             row("weak", found, one, found["points"] / one["points"] / count)
-        if 2 in strong:
+        if 2 in strong and scheme in ("explicit", "implicit"):
             model(options.model, one, strong[2], scheme)
         print()
 

@@ -41,7 +41,8 @@ class WholeMatrix:
         first = halo.ranks.before(own)
         index = halo.with_ghost_values(first + np.arange(own, dtype=float).reshape(-1, dim))
         index = index.ravel().astype(PETSc.IntType)
-        self._index = np.where(fixed[: len(index)], -1, index)
+        self._index = np.full(interactions.inverse.num_slots * dim, -1)
+        self._index[: len(index)] = np.where(fixed[: len(index)], -1, index)
         self._ones = index[:own][fixed[:own]][:, None]
         self._matrix = PETSc.Mat().create(self._comm)
         self._matrix.setSizes([(own, PETSc.DETERMINE)] * 2)

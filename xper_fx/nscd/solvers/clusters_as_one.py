@@ -28,7 +28,7 @@ _KERNEL = njit(fastmath={"contract", "reassoc"}, nogil=True, **LEAN_ENTRY)
 
 
 class Border(Protocol):
-    """Clusters that ranks share; all ranks do everything together (`parallel/cut_clusters.py`)."""
+    """Clusters that ranks share; all ranks do everything together (`parallel/border.py`)."""
 
     @property
     def count(self) -> int:

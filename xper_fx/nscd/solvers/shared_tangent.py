@@ -7,12 +7,12 @@ The equations are those of `tangent.py`,
 
 with dv over the bodies of all ranks. Each rank takes D, K and g of its own points, and its part of
 all vectors is that of its own bodies. Clusters of facing nodes that are cut between ranks
-(`parallel/cut_clusters.py`) are solved first, each alone, by every rank that has nodes in them, from
-what the residual is at all of them. The clusters that are a rank's alone follow one after the
+(`parallel/cut_clusters.py`) are solved first, each alone, by every rank that has nodes in them,
+from what the residual is at all of them. The clusters that are a rank's alone follow one after the
 other, as on one rank: w^-1 couples nodes of one body, so that nothing of another rank is missed,
 neither there nor in the product with the matrix that the same pass gives. An iteration thus has one
-exchange with neighbours, the sums of two scalar products, and that of the forces on cut clusters
-moving as one.
+exchange with neighbours and two sums: of scalar products, and of the forces on cut clusters moving
+as one.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from __future__ import annotations
 import numpy as np
 
 from xper_fx.cache import njit
-from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.points import InteractionPoints
@@ -155,11 +154,8 @@ class SharedProblem(LinearisedProblem):
         if self._direct:
             self._factors.solve(r, z)
             return False
-        cut, clusters = self._cut.cut, self._clusters
-        _cut_clusters(
-            clusters.offsets[: cut + 1], clusters, self._couplings, self._blocks, self._told(r), r,
-            z, y, self._beside[0],
-        )  # fmt: skip
+        vectors = r, z, y, self._told(r), self._beside[0]
+        _cut_clusters(self._cut.cut, self._clusters, self._couplings, self._blocks, vectors)
         self._sweep(self._inside, r, z, y)
         return self._within
 
@@ -179,13 +175,15 @@ class SharedProblem(LinearisedProblem):
 
 
 @njit(fastmath={"contract"}, nogil=True, **LEAN_ENTRY)
-def _cut_clusters(offsets, clusters, couplings, blocks, moments, r, z, y, found):
-    """z = D^-1 r over clusters, r being `moments` at all of their nodes, and y = A z there.
+def _cut_clusters(count, clusters, couplings, blocks, vectors):
+    """z = D^-1 r over the first clusters, and y = A z there, of which `couplings` are this rank's.
 
-    Couplings are those between nodes of this rank.
+    Vectors are r, z, y, what r is at all nodes of these clusters, and room for a cluster.
     """
-    dim, own = couplings.blocks.shape[1], len(r) // couplings.blocks.shape[1]
-    for a in range(len(offsets) - 1):
+    r, z, y, moments, found = vectors
+    dim, offsets = couplings.blocks.shape[1], clusters.offsets
+    own = len(r) // dim
+    for a in range(count):
         first, last = offsets[a], offsets[a + 1]
         n, line = (last - first) * dim, clusters.block_offsets[a]
         found[:n] = 0.0
@@ -198,7 +196,7 @@ def _cut_clusters(offsets, clusters, couplings, blocks, moments, r, z, y, found)
             if node < own:
                 for x in range(dim):
                     z[node * dim + x], y[node * dim + x] = found[k * dim + x], r[node * dim + x]
-    for k in range(offsets[-1]):
+    for k in range(offsets[count]):
         i = clusters.nodes[k] * dim
         for e in range(couplings.offsets[k], couplings.offsets[k + 1]):
             j = couplings.before[e]

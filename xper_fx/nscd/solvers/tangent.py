@@ -766,7 +766,9 @@ class LinearisedProblem:
         self._openings: list = []  # H^T of each group
         clusters = self._find_clusters()
         # blocks of points that turn are those of a moment before
-        self._within = not interactions.turns and springs_within(interactions, clusters.cluster)
+        self._within = not interactions.turns and interactions.everywhere(
+            springs_within(interactions, clusters.cluster)
+        )
         self._blocks = np.empty(clusters.block_offsets[-1])
         most = np.diff(clusters.offsets).max() * interactions.dim
         self._swaps, self._beside = np.empty(most, np.uintp), np.empty((2, most))
