@@ -32,8 +32,6 @@ from xper_fx.cache import njit
 _PATIENCE, _STALLED = 5, 0.8
 # Share of |y|^2 that images kept do not explain, below which it is rounding.
 _ALIKE = 1e-10
-# Share of |w|^2 that is left beside other vectors, up to which it is made orthogonal once more.
-_CANCELLED = 0.01
 # Entries of a vector that stay in the first cache beside those of others. Where their numbers are
 # unsigned (`np.uintp`) loops over them are made of vectors.
 _PIECE = 1024
@@ -227,24 +225,16 @@ def gmres(
         np.divide(residual, size, out=basis[0])
         hessenberg = np.zeros((most, most + 1))  # by columns of the usual matrix
         turns = np.zeros((most, 2))
-        right, shares = np.zeros(most + 1), np.empty(most + 1)
+        right = np.zeros(most + 1)
         right[0] = size
         count = 0
         while count < min(most, max_iterations - done) and size > bound:
             w = basis[count + 1]
             precondition(basis[count], z, w)
             column = hessenberg[count]
-            # the last product, |w|^2, tells by Pythagoras what is left of w: ranks wait for each
-            # other once; twice where that is little, and not orthogonal
-            for _ in range(2):
-                products(basis, count + 2, w, shares)
-                shared = total(shares[: count + 2])
-                add_combination(basis, count + 1, -shared, w)
-                column[: count + 1] += shared[:-1]
-                left = shared[-1] - np.dot(shared[:-1], shared[:-1])
-                if left > _CANCELLED * shared[-1]:
-                    break
-            length = np.sqrt(max(left, 0.0))
+            products(basis, count + 1, w, column)
+            column[: count + 1] = total(column[: count + 1])
+            length = np.sqrt(total(add_combination(basis, count + 1, -column, w)))
             if not np.isfinite(length):
                 return done + count, np.inf
             column[count + 1] = length

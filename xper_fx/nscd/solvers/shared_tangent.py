@@ -11,8 +11,8 @@ all vectors is that of its own bodies. Clusters of facing nodes that are cut bet
 from what the residual is at all of them. The clusters that are a rank's alone follow one after the
 other, as on one rank: w^-1 couples nodes of one body, so that nothing of another rank is missed,
 neither there nor in the product with the matrix that the same pass gives. An iteration thus has one
-exchange with neighbours and two sums: of scalar products, and of the forces on cut clusters moving
-as one.
+exchange with neighbours and three sums: of scalar products, of a norm, and of the forces on cut
+clusters moving as one.
 """
 
 from __future__ import annotations
