@@ -15,8 +15,9 @@ second line:
 
 For the explicit bulk with vertices solved alone and for the implicit bulk with sweeps, and if asked
 for with Newton's method (steps of 1 ns) and for a static run in one system, it prints the median
-time of a step, the part of it spent in exchanges and sums over ranks (waiting for others included),
-how many they are, and bytes. More ranks than cores share the cores, so that times then say nothing.
+time of a step, the processor time of the busiest rank outside of exchanges and sums over ranks,
+which other programs change little, the part of the time spent in these (waiting for others
+included), how many they are, and bytes. More ranks than cores share the cores, so that times then say nothing.
 
 The model: a step of n points on P ranks takes
 
@@ -86,13 +87,15 @@ class Clock:
     def begin(self) -> None:
         """Count from here."""
         self.seconds, self.exchanges, self.sums, self.bytes = 0.0, 0, 0, 0
+        self.processor = 0.0
 
     def _wrap(self, kind, name: str, what: str, returned: bool) -> None:
         method = getattr(kind, name)
 
         def timed(this, *arguments):
-            start = time.perf_counter()
+            start, busy = time.perf_counter(), time.thread_time()
             result = method(this, *arguments)
+            self.processor += time.thread_time() - busy
             self.seconds += time.perf_counter() - start
             setattr(self, what, getattr(self, what) + 1)
             if kind is Exchange:
@@ -139,16 +142,18 @@ def measure(cells: int, scheme: str, threads: int) -> dict:
     for _ in simulation.steps(WARM * step):
         pass
     clock.begin()
-    sweeps, taken, start = 0, [], time.perf_counter()
+    sweeps, taken, start, busy = 0, [], time.perf_counter(), time.process_time()
     for record in simulation.steps((WARM + STEPS) * step):
         sweeps += record.sweeps
         taken.append(time.perf_counter() - start)
         start = time.perf_counter()
+    busy = time.process_time() - busy - clock.processor
     found = {
         "ranks": ranks.size,
         "points": simulation.interactions.num_points,
         "step": float(np.median(taken)),
         "least": min(taken),
+        "work": ranks.max(busy) / STEPS,
         "exchange": ranks.max(clock.seconds) / sum(taken),
         "exchanges": clock.exchanges / STEPS,
         "sums": clock.sums / STEPS,
@@ -194,7 +199,7 @@ def row(label: str, r: dict, one: dict, share: float) -> None:
     efficiency = one["step"] * share / r["step"]
     print(
         f"{label:24}{r['ranks']:3d} {r['points']:9d} {r['step'] * 1e3:9.2f} {efficiency:8.2f} "
-        f"{r['exchange']:8.2f} {r['exchanges']:9.1f} {r['sums']:6.1f} {r['bytes'] / 1e3:9.1f} "
+        f"{r['work'] * 1e3:9.2f} {r['exchange']:8.2f} {r['exchanges']:9.1f} {r['sums']:6.1f} {r['bytes'] / 1e3:9.1f} "
         f"{r['sweeps']:7.1f}", flush=True,
     )  # fmt: skip
 
@@ -274,8 +279,9 @@ def main() -> None:
             print(json.dumps(found), flush=True)
         return
     for scheme in [options.scheme] if options.scheme else ["explicit", "implicit"]:
-        print(f"{scheme:24}{'n':>3} {'points':>9} {'step, ms':>9} {'effic.':>8} {'exchange':>8} "
-              f"{'exchanges':>9} {'sums':>6} {'kB a step':>9} {'sweeps':>7}")  # fmt: skip
+        print(f"{scheme:24}{'n':>3} {'points':>9} {'step, ms':>9} {'effic.':>8} {'work, ms':>9} "
+              f"{'exchange':>8} {'exchanges':>9} {'sums':>6} {'kB a step':>9} "
+              f"{'sweeps':>7}")  # fmt: skip
         one = told(start(1, options.cells, scheme))
         row("one", one, one, 1.0)
         row("two threads", told(start(1, options.cells, scheme, 2, False)), one, 0.5)
