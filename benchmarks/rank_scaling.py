@@ -200,8 +200,8 @@ def row(label: str, r: dict, one: dict, share: float) -> None:
     efficiency = one["step"] * share / r["step"]
     print(
         f"{label:24}{r['ranks']:3d} {r['points']:9d} {r['step'] * 1e3:9.2f} {efficiency:8.2f} "
-        f"{r['work'] * 1e3:9.2f} {r['exchange']:8.2f} {r['exchanges']:9.1f} {r['sums']:6.1f} {r['bytes'] / 1e3:9.1f} "
-        f"{r['sweeps']:7.1f}", flush=True,
+        f"{r['work'] * 1e3:9.2f} {r['exchange']:8.2f} {r['exchanges']:9.1f} {r['sums']:6.1f} "
+        f"{r['bytes'] / 1e3:9.1f} {r['sweeps']:7.1f}", flush=True,
     )  # fmt: skip
 
 
