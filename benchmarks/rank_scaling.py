@@ -17,7 +17,8 @@ For the explicit bulk with vertices solved alone and for the implicit bulk with 
 for with Newton's method (steps of 1 ns) and for a static run in one system, it prints the median
 time of a step, the processor time of the busiest rank outside of exchanges and sums over ranks,
 which other programs change little, the part of the time spent in these (waiting for others
-included), how many they are, and bytes. More ranks than cores share the cores, so that times then say nothing.
+included), how many they are, and bytes. More ranks than cores share the cores, so that times then
+say nothing.
 
 The model: a step of n points on P ranks takes
 
