@@ -5,7 +5,7 @@
 
 200 velocities of a cut go to the other rank and as many come from it, packed and unpacked:
 
-- *index map*: by DOLFINx, as `parallel/halo.py` does (a neighbourhood collective);
+- *index map*: by DOLFINx, as `parallel/exchange.py` does (a neighbourhood collective);
 - *requests*: persistent requests of mpi4py, numbers packed by NumPy;
 - *compiled*: all of it within one compiled function: loops that pack, and the same requests, which
   MPI's C functions start and wait for (Open MPI: the null pointer ignores statuses).
@@ -22,7 +22,7 @@ import numpy as np
 from mpi4py import MPI
 from rank_scaling import cost_of_call
 
-from xper_fx.parallel.halo import Exchange
+from xper_fx.parallel.exchange import Exchange
 from xper_fx.support.ranks import Ranks
 
 COUNT = 200

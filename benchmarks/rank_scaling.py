@@ -2,6 +2,7 @@
 """How a notched plate scales with the number of ranks, and what more ranks would give.
 
     ./fenicsx python3 benchmarks/rank_scaling.py [--cells 160] [--model 64 256 1024]
+    ./fenicsx python3 benchmarks/rank_scaling.py --scheme newton --cells 40 --ranks 2
 
 Each number of ranks is a process group of its own (`mpirun -n N`), one thread a rank but for the
 second line:
@@ -12,8 +13,10 @@ second line:
 - *strong*: the plate stays, ranks share it;
 - *weak*: the number of cells a rank stays.
 
-For the explicit bulk with vertices solved alone and for the implicit bulk with sweeps it prints the
-median time of a step, the part of it spent in exchanges and sums over ranks (waiting for others
+For the explicit bulk with vertices solved alone and for the implicit bulk with sweeps, and if asked
+for with Newton's method (steps of 1 ns) and for a static run in one system, it prints the median
+time of a step, the processor time of the busiest rank outside of exchanges and sums over ranks,
+which other programs change little, the part of the time spent in these (waiting for others
 included), how many they are, and bytes. More ranks than cores share the cores, so that times then
 say nothing.
 
@@ -42,6 +45,7 @@ import json
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -49,9 +53,10 @@ import numpy as np
 from mpi4py import MPI
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "demos"))
-from notched_plate import notched_plate
+from notched_plate import LEFT, notched_plate
 
-from xper_fx.parallel.halo import Exchange
+import xper_fx as xf
+from xper_fx.parallel.exchange import Exchange
 from xper_fx.parallel.local_bodies import bodies_by_rank
 from xper_fx.parallel.ownership import owners_by_facet
 from xper_fx.parallel.turns import Visits, hand_over_rows, phases_of_rows
@@ -62,6 +67,12 @@ from xper_fx.support.ranks import Ranks
 LATENCY, BANDWIDTH = 2e-6, 10e9
 WARM, STEPS, CALLS = 3, 40, 400
 POINTS, MOST = 10_000, 10_000_000  # a rank, and of all that are divided, in the model
+RUNS = {
+    "explicit": {"scheme": "explicit", "solver": "auto", "tolerance": 1e-3},
+    "implicit": {"scheme": "implicit", "solver": "nlgs", "tolerance": 1e-3},
+    "newton": {"scheme": "implicit", "solver": "newton", "tolerance": 1e-4, "step": 1e-9},
+    "static": {"theta": 1.0, "inertia": False, "solver": "monolithic", "step": 2e-9},
+}
 
 
 class Clock:
@@ -78,13 +89,15 @@ class Clock:
     def begin(self) -> None:
         """Count from here."""
         self.seconds, self.exchanges, self.sums, self.bytes = 0.0, 0, 0, 0
+        self.processor = 0.0
 
     def _wrap(self, kind, name: str, what: str, returned: bool) -> None:
         method = getattr(kind, name)
 
         def timed(this, *arguments):
-            start = time.perf_counter()
+            start, busy = time.perf_counter(), time.thread_time()
             result = method(this, *arguments)
+            self.processor += time.thread_time() - busy
             self.seconds += time.perf_counter() - start
             setattr(self, what, getattr(self, what) + 1)
             if kind is Exchange:
@@ -122,25 +135,27 @@ def cost_of_messages(ranks: Ranks, count: int) -> float:
 def measure(cells: int, scheme: str, threads: int) -> dict:
     """Steps of the plate on all ranks that were started, so many threads each."""
     clock = Clock()
-    simulation = Simulation(
-        notched_plate(cells, "weak", homogeneous=True), scheme=scheme, tolerance=1e-3,
-        solver="auto" if scheme == "explicit" else "nlgs",
-        num_threads=threads,
-    )  # fmt: skip
+    plate = notched_plate(cells, "weak", homogeneous=True)
+    if scheme == "static":
+        loads = [*plate.loads, xf.PrescribedVelocity(LEFT, 1, 0.0)]
+        plate = replace(plate, loads=loads, initial_velocity=None)
+    simulation = Simulation(plate, num_threads=threads, **RUNS[scheme])
     step, ranks = simulation.step_size, simulation.ranks
     for _ in simulation.steps(WARM * step):
         pass
     clock.begin()
-    sweeps, taken, start = 0, [], time.perf_counter()
+    sweeps, taken, start, busy = 0, [], time.perf_counter(), time.process_time()
     for record in simulation.steps((WARM + STEPS) * step):
         sweeps += record.sweeps
         taken.append(time.perf_counter() - start)
         start = time.perf_counter()
+    busy = time.process_time() - busy - clock.processor
     found = {
         "ranks": ranks.size,
         "points": simulation.interactions.num_points,
         "step": float(np.median(taken)),
         "least": min(taken),
+        "work": ranks.max(busy) / STEPS,
         "exchange": ranks.max(clock.seconds) / sum(taken),
         "exchanges": clock.exchanges / STEPS,
         "sums": clock.sums / STEPS,
@@ -186,8 +201,8 @@ def row(label: str, r: dict, one: dict, share: float) -> None:
     efficiency = one["step"] * share / r["step"]
     print(
         f"{label:24}{r['ranks']:3d} {r['points']:9d} {r['step'] * 1e3:9.2f} {efficiency:8.2f} "
-        f"{r['exchange']:8.2f} {r['exchanges']:9.1f} {r['sums']:6.1f} {r['bytes'] / 1e3:9.1f} "
-        f"{r['sweeps']:7.1f}", flush=True,
+        f"{r['work'] * 1e3:9.2f} {r['exchange']:8.2f} {r['exchanges']:9.1f} {r['sums']:6.1f} "
+        f"{r['bytes'] / 1e3:9.1f} {r['sweeps']:7.1f}", flush=True,
     )  # fmt: skip
 
 
@@ -265,7 +280,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cells", type=int, default=80, help="quads a side on one rank")
     parser.add_argument("--ranks", type=int, nargs="+", default=[2, 4], help="beside one")
-    parser.add_argument("--scheme", choices=("explicit", "implicit"), help="default: both")
+    parser.add_argument("--scheme", choices=tuple(RUNS), help="default: explicit, implicit")
     parser.add_argument(
         "--model", type=int, nargs="+", default=[64, 256], help="numbers of ranks of the model"
     )
@@ -277,8 +292,9 @@ def main() -> None:
             print(json.dumps(found), flush=True)
         return
     for scheme in [options.scheme] if options.scheme else ["explicit", "implicit"]:
-        print(f"{scheme:24}{'n':>3} {'points':>9} {'step, ms':>9} {'effic.':>8} {'exchange':>8} "
-              f"{'exchanges':>9} {'sums':>6} {'kB a step':>9} {'sweeps':>7}")  # fmt: skip
+        print(f"{scheme:24}{'n':>3} {'points':>9} {'step, ms':>9} {'effic.':>8} {'work, ms':>9} "
+              f"{'exchange':>8} {'exchanges':>9} {'sums':>6} {'kB a step':>9} "
+              f"{'sweeps':>7}")  # fmt: skip
         one = told(start(1, options.cells, scheme))
         row("one", one, one, 1.0)
         row("two threads", told(start(1, options.cells, scheme, 2, False)), one, 0.5)
@@ -291,7 +307,7 @@ def main() -> None:
             cells = 20 * round(options.cells * count**0.5 / 20)
             found = told(start(count, cells, scheme))
             row("weak", found, one, found["points"] / one["points"] / count)
-        if 2 in strong:
+        if 2 in strong and scheme in ("explicit", "implicit"):
             model(options.model, one, strong[2], scheme)
         print()
 

@@ -95,7 +95,7 @@ def test_motion_impulses_and_compliances_are_those_of_dense_matrices(dim):
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_springs_of_ranks_are_those_of_dense_matrices(dim):
-    """H K H^T point by point, as `parallel/petsc_newton.py` adds it up; also of no points."""
+    """H K H^T point by point, as `parallel/whole_matrix.py` adds it up; also of no points."""
     layer, points, _, rng = cloud(dim)
     h = dense_map(points, layer.inverse.num_slots)
     stiffness = rng.normal(size=(12, dim, dim))

@@ -4,7 +4,7 @@
 import numpy as np
 from mpi4py import MPI
 
-from xper_fx.parallel.halo import Exchange
+from xper_fx.parallel.exchange import Exchange
 from xper_fx.parallel.launch import run_together
 from xper_fx.parallel.ownership import owners_of_pairs
 from xper_fx.parallel.turns import divide_in_phases, hand_overs, phases_of_rows

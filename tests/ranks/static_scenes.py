@@ -22,7 +22,7 @@ from xper_fx.bulk.rigid_motions import loose_bodies
 from xper_fx.output.recorder import Recorder, macroscopic_columns
 from xper_fx.output.run import recorded_steps
 from xper_fx.parallel import coupled_rows
-from xper_fx.parallel.halo import Exchange
+from xper_fx.parallel.exchange import Exchange
 from xper_fx.parallel.launch import run_together
 from xper_fx.simulation import path
 from xper_fx.support.ranks import Ranks

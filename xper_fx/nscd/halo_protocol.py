@@ -60,19 +60,6 @@ class GatheringBothWays(Gathering, GhostExchange, Protocol):
     """Moves entries between all slots and all their ghosts, either way."""
 
 
-class SharedSystem(Protocol):
-    """(w^-1 + S) x = b, S the springs of the points (`parallel/petsc_newton.py`)."""
-
-    def take_bodies(self, blocks: list[tuple[np.ndarray, np.ndarray]]) -> None:
-        """Take w^-1 of this rank's bodies: degrees of freedom, and square matrices on them."""
-
-    def take_springs(self, springs: list[tuple[np.ndarray, np.ndarray]], as_one: bool) -> bool:
-        """Take S of this rank's points; whether the block of every cluster could be inverted."""
-
-    def solve(self, b: np.ndarray, x: np.ndarray, bound: float, max_iterations: int) -> int:
-        """Improve x until |b - A x| is within a bound; the number of iterations."""
-
-
 class AnyHalo(Protocol):
     """What the points of one rank have to do with other ranks."""
 
@@ -133,8 +120,11 @@ class PointHalo(AnyHalo, Protocol):
     def renew_ghosts(self, inverse: BodyInverse) -> None:
         """The same for an inverse that has the ghosts' blocks already, in place."""
 
-    def linear_system(self, interactions: Any) -> SharedSystem:
-        """The linear system of Newton's method over all ranks; `interactions` are this rank's."""
+    def cut_clusters(self, interactions: Any) -> Any:
+        """Clusters of facing nodes as a rank knows them (`parallel/cut_clusters.py`)."""
+
+    def whole_matrix(self, interactions: Any, fixed: np.ndarray) -> Any:
+        """The matrix of Newton's method over all ranks (`parallel/whole_matrix.py`)."""
 
     def coupled_system(
         self,

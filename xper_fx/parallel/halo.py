@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from dolfinx import la
 
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.points import InteractionPoints
+from xper_fx.parallel.exchange import Exchange
 from xper_fx.parallel.turns import (
     NO_VISITS,
     PhasesOfPairs,
@@ -22,7 +22,6 @@ from xper_fx.parallel.turns import (
     divide_in_phases,
     hand_overs,
 )
-from xper_fx.support.compat import index_map
 from xper_fx.support.ranks import Ranks
 
 if TYPE_CHECKING:
@@ -30,86 +29,8 @@ if TYPE_CHECKING:
 
     from xper_fx.nscd.interactions import Interactions
     from xper_fx.parallel.coupled_rows import SharedCoupledSystem
-    from xper_fx.parallel.petsc_newton import LinearSystem
-
-
-class Exchange:
-    """Moves entries of velocity arrays between slots and their ghosts.
-
-    Args:
-        given: slots whose entries go to other ranks, by rank, in the order of their ghosts.
-        ghosts: slots that take them, by the rank that they come from.
-        dim: dofs a slot.
-    """
-
-    def __init__(
-        self,
-        ranks: Ranks,
-        given: Mapping[int, np.ndarray],
-        ghosts: Mapping[int, np.ndarray],
-        dim: int,
-    ):
-        self._given = np.concatenate([np.zeros(0, np.int64), *given.values()])
-        self._ghosts = np.concatenate([np.zeros(0, np.int64), *ghosts.values()])
-        count, dims = len(self._given), np.arange(dim)
-        first = ranks.comm.exscan(count) or 0
-        starts = np.cumsum([first, *map(len, given.values())])
-        told = ranks.comm.alltoall(
-            [dict(zip(given, starts[:-1], strict=True)).get(r, 0) for r in range(ranks.size)]
-        )
-        numbers = [told[rank] + np.arange(len(slots)) for rank, slots in ghosts.items()]
-        owners = [np.full(len(slots), rank, np.int32) for rank, slots in ghosts.items()]
-        shared = index_map(
-            ranks.comm,
-            count,
-            np.concatenate([np.zeros(0, np.int64), *numbers]),
-            np.concatenate([np.zeros(0, np.int32), *owners]),
-            [rank for rank, slots in given.items() if len(slots)],
-        )
-        self._vector = la.vector(shared, dim, dtype=np.float64)
-        self._array = self._vector.array  # to make this view takes nearly as long as to exchange
-        self._split = count * dim
-        self._own = (self._given[:, None] * dim + dims).ravel()
-        self._mirrored = (self._ghosts[:, None] * dim + dims).ravel()
-
-    def forward(self, values: np.ndarray) -> None:
-        """Ghosts take the values of their owners; `values` is flat, of all slots."""
-        array = self._array
-        array[: self._split] = values[self._own]
-        self._vector.scatter_forward()
-        values[self._mirrored] = array[self._split :]
-
-    def back(self, values: np.ndarray) -> None:
-        """Owners take the values of their ghosts, of which each has one."""
-        array = self._array
-        array[: self._split] = values[self._own]
-        array[self._split :] = values[self._mirrored]
-        self._vector.scatter_reverse(la.InsertMode.insert)
-        values[self._own] = array[: self._split]
-
-    def add_back(self, values: np.ndarray) -> None:
-        """Owners add the values of their ghosts."""
-        array = self._array
-        array[: self._split] = 0.0
-        array[self._split :] = values[self._mirrored]
-        self._vector.scatter_reverse(la.InsertMode.add)
-        np.add.at(values, self._own, array[: self._split])
-
-    @property
-    def nbytes(self) -> int:
-        """Memory of the values exchanged and of where they are, in bytes."""
-        arrays = (self._given, self._ghosts, self._own, self._mirrored, self._array)
-        return sum(array.nbytes for array in arrays)
-
-    @property
-    def bytes_sent(self) -> int:
-        """Bytes that this rank sends forward."""
-        return 8 * self._split
-
-    @property
-    def bytes_returned(self) -> int:
-        """Bytes that this rank sends back."""
-        return 8 * len(self._mirrored)
+    from xper_fx.parallel.cut_clusters import CutClusters
+    from xper_fx.parallel.whole_matrix import WholeMatrix
 
 
 # More than a rank has blocks.
@@ -307,11 +228,22 @@ class Halo:
         """Values at all points from those at this rank's, in the scene's order, on every rank."""
         return self.ranks.gather(self.numbers, values)
 
-    def linear_system(self, interactions: Interactions) -> LinearSystem:
-        """The linear system of Newton's method over all ranks; they make it together."""
-        from xper_fx.parallel.petsc_newton import LinearSystem
+    def cut_clusters(self, interactions: Interactions) -> CutClusters:
+        """Clusters of facing nodes as this rank knows them; all ranks find them together."""
+        from xper_fx.parallel.cut_clusters import cut_clusters
 
-        return LinearSystem(interactions)
+        return cut_clusters(interactions)
+
+    def whole_matrix(self, interactions: Interactions, fixed: np.ndarray) -> WholeMatrix:
+        """The matrix of Newton's method over all ranks, which make it together.
+
+        Args:
+            interactions: this rank's points.
+            fixed: shape (n,), which degrees of freedom of its slots and ghosts are prescribed.
+        """
+        from xper_fx.parallel.whole_matrix import WholeMatrix
+
+        return WholeMatrix(interactions, fixed)
 
     def coupled_system(
         self,

@@ -23,7 +23,7 @@ from __future__ import annotations
 import numpy as np
 
 from xper_fx.nscd.points import InteractionPoints
-from xper_fx.parallel.halo import Exchange
+from xper_fx.parallel.exchange import Exchange
 from xper_fx.parallel.ownership import owners_of_pairs
 from xper_fx.parallel.rows_of_all import RowsOfAll
 from xper_fx.parallel.turns import PhasesOfPairs, divide_in_phases, hand_overs

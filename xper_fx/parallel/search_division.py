@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from xper_fx.nscd.search.grid import box_pairs
-from xper_fx.parallel.halo import Exchange
+from xper_fx.parallel.exchange import Exchange
 from xper_fx.parallel.rows_of_all import RowsOfAll
 from xper_fx.support.ranks import Ranks
 

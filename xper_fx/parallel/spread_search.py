@@ -27,7 +27,7 @@ from xper_fx.nscd.search.grid import box_pairs
 from xper_fx.nscd.search.rigid_side import RigidSide
 from xper_fx.nscd.search.surface import Surface
 from xper_fx.nscd.search.surface_search import SurfaceSearch, renamed
-from xper_fx.parallel.halo import Exchange
+from xper_fx.parallel.exchange import Exchange
 from xper_fx.parallel.known_surface import MOST, OwnSurface, Tables, joined
 from xper_fx.support.ranks import Ranks
 

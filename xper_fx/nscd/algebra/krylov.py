@@ -22,6 +22,7 @@ machine at rest, 3 times where another process keeps one of two cores busy.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -37,12 +38,18 @@ _PIECE = 1024
 
 
 @njit(fastmath=True, error_model="numpy", _nrt=False, nogil=True)
-def norm(x):
-    """|x|, on this thread."""
+def square(x):
+    """|x|^2, on this thread."""
     total = 0.0
     for i in range(len(x)):
         total += x[i] * x[i]
-    return np.sqrt(total)
+    return total
+
+
+@njit(fastmath=True, error_model="numpy", _nrt=False, nogil=True)
+def norm(x):
+    """|x|, on this thread."""
+    return np.sqrt(square(x))
 
 
 @njit(fastmath=True, error_model="numpy", _nrt=False, nogil=True)
@@ -79,8 +86,8 @@ def products(rows, count, x, out):
 
 @njit(fastmath=True, error_model="numpy", _nrt=False, nogil=True)
 def add_combination(rows, count, factors, x):
-    """x += sum_j factors_j rows_j for the first rows; returns |x|."""
-    square = 0.0
+    """x += sum_j factors_j rows_j for the first rows; returns |x|^2."""
+    size = 0.0
     for piece in range(0, len(x), _PIECE):
         first, last = np.uintp(piece), np.uintp(min(piece + _PIECE, len(x)))
         j = 0
@@ -97,8 +104,8 @@ def add_combination(rows, count, factors, x):
                 x[i] += a * rows[j, i]
             j += 1
         for i in range(first, last):
-            square += x[i] * x[i]
-    return np.sqrt(square)
+            size += x[i] * x[i]
+    return size
 
 
 @njit(fastmath=True, error_model="numpy", _nrt=False, nogil=True)
@@ -201,15 +208,17 @@ def gmres(
     bound: float,
     max_iterations: int,
     room: np.ndarray,
+    total: Callable[[Any], Any] = lambda share: share,
 ) -> tuple[int, float]:
     """Reduce a residual, b - A x.
 
     Arguments and results are those of `orthomin`, but `room`: shape (m + 3, n), overwritten; m
-    vectors are kept before a restart.
+    vectors are kept before a restart. Where ranks have parts of each vector `total` is the sum of
+    what they have, numbers or arrays.
     """
     most = len(room) - 3
     basis, z, part = room[:-2], room[-2], room[-1]
-    size = norm(residual)
+    size = np.sqrt(total(square(residual)))
     done = 0
     while size > bound and done < max_iterations:
         start = size
@@ -224,7 +233,8 @@ def gmres(
             precondition(basis[count], z, w)
             column = hessenberg[count]
             products(basis, count + 1, w, column)
-            length = add_combination(basis, count + 1, -column, w)
+            column[: count + 1] = total(column[: count + 1])
+            length = np.sqrt(total(add_combination(basis, count + 1, -column, w)))
             if not np.isfinite(length):
                 return done + count, np.inf
             column[count + 1] = length
@@ -252,7 +262,7 @@ def gmres(
         precondition(part, z, basis[0])
         solution += z
         residual -= basis[0]
-        size = norm(residual)
+        size = np.sqrt(total(square(residual)))
         if not size < start:
             break
     return done, size

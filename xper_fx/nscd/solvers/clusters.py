@@ -87,14 +87,22 @@ def facing_clusters(interactions: Interactions) -> tuple[Clusters, np.ndarray]:
             break
         parent = root
     _, cluster = np.unique(parent, return_inverse=True)
+    return partition(cluster, interactions.dim), opened_clusters(interactions, cluster)
+
+
+def partition(cluster: np.ndarray, dim: int) -> Clusters:
+    """Clusters whose nodes are in ascending order.
+
+    Args:
+        cluster: shape (num_slots,), the cluster of each node, from 0 on.
+        dim: degrees of freedom of a node.
+    """
     nodes = np.argsort(cluster, kind="stable")
     offsets = np.concatenate([[0], np.cumsum(np.bincount(cluster))])
-    position = np.empty(slots, np.int64)
-    position[nodes] = np.arange(slots) - np.repeat(offsets[:-1], np.diff(offsets))
-    opened = opened_clusters(interactions, cluster)
-    entries = (np.diff(offsets) * interactions.dim) ** 2
-    blocks = np.concatenate([[0], np.cumsum(entries)])
-    return Clusters(nodes, offsets, cluster, position, blocks), opened
+    position = np.empty(len(cluster), np.int64)
+    position[nodes] = np.arange(len(cluster)) - np.repeat(offsets[:-1], np.diff(offsets))
+    blocks = np.concatenate([[0], np.cumsum((np.diff(offsets) * dim) ** 2)])
+    return Clusters(nodes, offsets, cluster, position, blocks)
 
 
 def opened_clusters(interactions: Interactions, cluster: np.ndarray) -> np.ndarray:

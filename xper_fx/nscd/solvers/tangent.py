@@ -49,7 +49,7 @@ from scipy.sparse import bsr_array, coo_array, diags_array
 from scipy.sparse.linalg import splu
 
 from xper_fx.cache import njit
-from xper_fx.nscd.algebra.krylov import gmres, norm, orthomin
+from xper_fx.nscd.algebra.krylov import gmres, orthomin, square
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.couplings import (
     LINE,
@@ -67,7 +67,7 @@ from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.opening_matrix import opening_matrix
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.solvers.clusters import Clusters, facing_clusters, springs_within
-from xper_fx.nscd.solvers.clusters_as_one import ClustersAsOne
+from xper_fx.nscd.solvers.clusters_as_one import ClustersAsOne, held_directions
 
 # Reach of the differences, relative to the local velocity; and to the largest one, where that is 0.
 _REACH, _LEAST = 1e-6, 1e-9
@@ -539,6 +539,9 @@ def _take_couplings(data, data_offsets, sizes, starts, body, clusters, couplings
     dim, count = couplings.blocks.shape[1], 0
     for k in range(len(clusters.nodes)):
         node = clusters.nodes[k]
+        couplings.offsets[k + 1] = count
+        if node >= len(body):
+            continue
         b, own = body[node], clusters.cluster[node]
         first = data_offsets[b] + (node * dim - starts[b]) * sizes[b]
         for j in range(0, sizes[b], dim):
@@ -710,19 +713,30 @@ class _Portion(NamedTuple):
     points: list[np.ndarray]  #: of each group, which act on them
 
 
-def _portions(interactions: Interactions, clusters: Clusters) -> list[_Portion]:
-    """The clusters of a scene, in portions of some `_IN_CACHE` entries of their blocks."""
-    portion = np.unique(clusters.block_offsets[:-1] // _IN_CACHE, return_inverse=True)[1]
-    ends = np.concatenate([[0], np.cumsum(np.bincount(portion))]).tolist()
+def portions(
+    interactions: Interactions, clusters: Clusters, first: int, last: int, body: np.ndarray
+) -> list[_Portion]:
+    """Some clusters of a scene, in portions of some `_IN_CACHE` entries of their blocks.
+
+    Args:
+        interactions: of the scene.
+        clusters: all.
+        first, last: the clusters from the first up to the last, which is not among them.
+        body: shape (n,), body of each of the first n slots, which are all that bodies have.
+    """
+    starts = clusters.block_offsets[first:last] // _IN_CACHE
+    portion = np.full(len(clusters.offsets) - 1, -1)
+    portion[first:last] = np.unique(starts, return_inverse=True)[1]
+    ends = first + np.concatenate([[0], np.cumsum(np.bincount(portion[first:last]))])
+    ends = ends.tolist()
     of_node = portion[clusters.cluster]
 
     def by_portion(which: np.ndarray, portions: np.ndarray) -> list[np.ndarray]:
         count = which.max(initial=0) + 1
-        owner, which = np.divmod(np.unique(portions * count + which), count)
+        owner, which = np.divmod(np.unique((portions * count + which)[portions >= 0]), count)
         return np.split(which, np.searchsorted(owner, np.arange(1, len(ends) - 1)))
 
-    nodes = np.diff(interactions.inverse.node_offsets)
-    bodies = by_portion(np.repeat(np.arange(len(nodes)), nodes), of_node)
+    bodies = by_portion(body, of_node[: len(body)])
     points = []
     for g in interactions.groups:
         touched = of_node[g.points.nodes]
@@ -747,30 +761,45 @@ class LinearisedProblem:
     def __init__(self, interactions: Interactions):
         self._interactions = interactions
         self.held = 0.0
-        inverse, dim = interactions.inverse, interactions.dim
-        self._sizes = np.diff(inverse.node_offsets) * dim
-        self._starts = inverse.node_offsets[:-1] * dim
-        num_dofs = inverse.num_slots * dim
-        rigid = interactions.bulk_inverse.num_nodes == 0
-        self._small = num_dofs <= (_RIGID if rigid else DIRECT[dim])
-        self._always = self._direct = rigid and self._small
+        self._always = self._direct = False
+        self._as_one: ClustersAsOne | None = None
         self._factors = None
         self._openings: list = []  # H^T of each group
-        self._clusters, self._opened = facing_clusters(interactions)
+        clusters = self._find_clusters()
         # blocks of points that turn are those of a moment before
-        self._within = not interactions.turns and springs_within(
-            interactions, self._clusters.cluster
+        self._within = not interactions.turns and interactions.everywhere(
+            springs_within(interactions, clusters.cluster)
         )
-        self._blocks = np.empty(self._clusters.block_offsets[-1])
-        self._portions = _portions(interactions, self._clusters)
-        self._swaps = np.empty(np.diff(self._clusters.offsets).max() * dim, np.uintp)
-        self._beside = np.empty((2, len(self._swaps)))
-        self._couplings = _Couplings.of(self._clusters, self._sizes, dim)
+        self._blocks = np.empty(clusters.block_offsets[-1])
+        most = np.diff(clusters.offsets).max() * interactions.dim
+        self._swaps, self._beside = np.empty(most, np.uintp), np.empty((2, most))
+        self._couplings = _Couplings.of(clusters, self._sizes, interactions.dim)
         self.tangents = PointTangents(interactions)
-        self._directions = np.empty((2, _KEPT + 1, num_dofs))
-        self._basis = np.empty((_BASIS + 3, num_dofs))
-        self._left, self._part = np.empty((2, num_dofs))
+        self._directions = np.empty((2, _KEPT + 1, self._num_dofs))
+        self._basis = np.empty((_BASIS + 3, self._num_dofs))
+        self._left, self._part, self._moved, self._push = np.empty((4, self._num_dofs))
         self.renew()
+
+    def _find_clusters(self) -> Clusters:
+        """Take the clusters, and bodies and degrees of freedom that are solved for."""
+        interactions, dim = self._interactions, self._interactions.dim
+        self._clusters, self._opened = facing_clusters(interactions)
+        self._take_bodies(len(interactions.inverse.node_offsets) - 1)
+        rigid = interactions.bulk_inverse.num_nodes == 0
+        self._small = self._num_dofs <= (_RIGID if rigid else DIRECT[dim])
+        self._always = self._direct = rigid and self._small
+        self._portions = portions(
+            interactions, self._clusters, 0, len(self._clusters.offsets) - 1, self._body
+        )
+        return self._clusters
+
+    def _take_bodies(self, count: int) -> None:
+        """Solve for the first bodies."""
+        inverse, dim = self._interactions.inverse, self._interactions.dim
+        nodes = np.diff(inverse.node_offsets[: count + 1])
+        self._sizes, self._starts = nodes * dim, inverse.node_offsets[:count] * dim
+        self._body = np.repeat(np.arange(count), nodes)
+        self._num_dofs = len(self._body) * dim
 
     def _springs(self, group: PointGroup):
         return _spring_kernels(group.sides)
@@ -779,13 +808,12 @@ class LinearisedProblem:
         """Take the present values of w."""
         inverse = self._interactions.inverse
         self._matrix, self._fixed, self.regular = inverted_bodies(inverse)
-        self._held_dofs = np.flatnonzero(self._fixed)
+        self._held_dofs = np.flatnonzero(self._fixed[: self._num_dofs])
         self._as_one = None
         if self.regular and not self._always:
-            nodes = np.diff(inverse.node_offsets)
             _take_couplings(
-                self._matrix, inverse.data_offsets, self._sizes, self._starts,
-                np.repeat(np.arange(len(nodes)), nodes), self._clusters, self._couplings,
+                self._matrix, inverse.data_offsets, self._sizes, self._starts, self._body,
+                self._clusters, self._couplings,
             )  # fmt: skip
         self.tangents.forget()
         self._fresh = True
@@ -832,32 +860,41 @@ class LinearisedProblem:
 
     def _renew_blocks(self, marked: np.ndarray) -> None:
         """Invert the blocks of marked clusters."""
-        interactions, clusters, dim = self._interactions, self._clusters, self._interactions.dim
-        groups = list(zip(interactions.groups, self.tangents.groups, strict=True))
-        blocks, world = self._blocks, np.empty((dim, dim))
         here = np.zeros_like(marked)
         self.solvable = True
-        for portion, bodies, points in self._portions:
-            own_clusters = slice(*portion)
+        for portion in self._portions:
+            own_clusters = slice(*portion.clusters)
             if not marked[own_clusters].any():
                 continue
             here[own_clusters] = marked[own_clusters]
-            _clear(portion, clusters, here, blocks)
-            _add_bodies(
-                self._matrix, interactions.inverse.data_offsets, self._sizes, self._starts, bodies,
-                clusters, here, blocks, dim,
-            )  # fmt: skip
-            for (g, own), those in zip(groups, points, strict=True):
-                self._springs(g)[3](
-                    g.couplings, own.frame, own.stiffness, those, clusters, here, blocks, world
-                )
-            if not _invert_clusters(
-                portion, clusters, here, blocks, self._fixed, dim, self._swaps, self._beside[0]
-            ):
+            self._add_up(portion, here)
+            if not self._invert(portion, here):
                 self.solvable = False
                 break
             here[own_clusters] = False
         self._fresh = not self.solvable
+
+    def _add_up(self, portion: _Portion, marked: np.ndarray) -> None:
+        """Make the blocks of marked clusters of a portion: w^-1 and springs."""
+        interactions, clusters, dim = self._interactions, self._clusters, self._interactions.dim
+        blocks, world = self._blocks, np.empty((dim, dim))
+        _clear(portion.clusters, clusters, marked, blocks)
+        _add_bodies(
+            self._matrix, interactions.inverse.data_offsets, self._sizes, self._starts,
+            portion.bodies, clusters, marked, blocks, dim,
+        )  # fmt: skip
+        groups = zip(interactions.groups, self.tangents.groups, portion.points, strict=True)
+        for g, own, points in groups:
+            self._springs(g)[3](
+                g.couplings, own.frame, own.stiffness, points, clusters, marked, blocks, world
+            )
+
+    def _invert(self, portion: _Portion, marked: np.ndarray) -> bool:
+        """Invert these blocks; whether that was possible."""
+        return _invert_clusters(
+            portion.clusters, self._clusters, marked, self._blocks, self._fixed,
+            self._interactions.dim, self._swaps, self._beside[0],
+        )  # fmt: skip
 
     def _factor(self) -> None:
         """Factor w^-1 + H K H^T, with ones for what is prescribed."""
@@ -896,23 +933,30 @@ class LinearisedProblem:
         Returns:
             dr of each group (arrays of this object, overwritten next time), and iterations.
         """
+        iterations = self._improved(step, bound, max_iterations)
+        return self.tangents.changes(self._interactions, step), iterations
+
+    def _improved(self, step: np.ndarray, bound: float, max_iterations: int) -> int:
+        """Improve dv as `solve` says; iterations."""
+        total = self._interactions.total
         iterations, left, correction = 0, self._left, self._basis[0]
         for _ in range(_REFINEMENTS + 1):
             self._source(left)
             self._apply(step, self._part)
             left -= self._part
-            if norm(left) <= bound or iterations >= max_iterations:
+            if np.sqrt(total(square(left))) <= bound or iterations >= max_iterations:
                 break
             # taken whole, it leaves nothing of stiff springs, beside which soft ones do not count
             self._precondition(left, correction, self._part)
             step += correction
             left -= self._part
             more, _ = gmres(
-                self._precondition, left, step, bound, max_iterations - iterations, self._basis
-            )
+                self._precondition, left, step, bound, max_iterations - iterations, self._basis,
+                total,
+            )  # fmt: skip
             iterations += more
         self.heed(iterations)
-        return self.tangents.changes(self._interactions, step), iterations
+        return iterations
 
     def heed(self, iterations: int) -> None:
         """Factor the matrix from now on if that many iterations are too many, and it is small."""
@@ -960,31 +1004,45 @@ class LinearisedProblem:
     def _apply(self, x: np.ndarray, y: np.ndarray) -> None:
         """y = (w^-1 + H K H^T) x."""
         self.momentum(x, y)
+        self._pull(x, y)
+        self.hold(y)
+
+    def _pull(self, x: np.ndarray, y: np.ndarray) -> None:
+        """y += H K H^T x, both of shape (num_slots * dim,)."""
         for g, own in zip(self._interactions.groups, self.tangents.groups, strict=True):
             self._springs(g)[0](x, g.couplings, own.stiffness, y)
-        self.hold(y)
 
     def _first(self, r: np.ndarray, z: np.ndarray, y: np.ndarray) -> bool:
         """z = B r by the first correction alone; whether y is (w^-1 + H K H^T) z."""
         if self._direct:
             z[:] = self._factors.solve(r)
             return False
-        _cluster_sweep(self._interactions.dim)(
-            self._clusters, self._couplings, self._blocks, r, z, y, self._beside
-        )  # fmt: skip
+        self._sweep(self._clusters, r, z, y)
         return self._within
+
+    def _sweep(self, clusters: Clusters, r: np.ndarray, z: np.ndarray, y: np.ndarray) -> None:
+        _cluster_sweep(self._interactions.dim)(
+            clusters, self._couplings, self._blocks, r, z, y, self._beside
+        )  # fmt: skip
 
     def _precondition(self, r: np.ndarray, z: np.ndarray, y: np.ndarray) -> None:
         known = self._first(r, z, y)
         if not self._direct and self.held > MOSTLY:
             if self._as_one is None:
-                inverse, fixed = self._interactions.inverse, self._fixed
-                self._as_one = ClustersAsOne(
-                    self._clusters, self._opened, fixed, inverse, self._matrix
-                )
-            known = not self._as_one.add_correction(r, z) and known
+                self._as_one = self._clusters_as_one()
+            if self._as_one.there:
+                self._as_one.solve(r, self._moved)
+                z += self._moved
+                if known:  # springs do not feel what opens no point
+                    self.momentum(self._moved, self._push)
+                    y += self._push
         if not known:
             self._apply(z, y)
+
+    def _clusters_as_one(self) -> ClustersAsOne:
+        clusters, inverse = self._clusters, self._interactions.inverse
+        held = held_directions(clusters.cluster, self._opened, self._fixed)
+        return ClustersAsOne(clusters.cluster, held, inverse, self._matrix)
 
 
 @_KERNEL
