@@ -15,6 +15,7 @@ from xper_fx.nscd.splitting.vertex_kernels import vertex_kernels
 from xper_fx.nscd.splitting.whole_vertices import whole_kernel
 
 # Relative change of the impulses of a vertex at which it is solved: a few unknowns, cheap to have.
+# Solvers with a tolerance below it take it, too: it is near what rounding lets through.
 _TOLERANCE = 1e-11
 # Change at which a vertex is solved where Newton's method has come to rest, if that is within the
 # solver's tolerance: a bond at a kink of its law, as one that just bears its load, then answers now
@@ -220,7 +221,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
         )  # fmt: skip
         if weak > 0:
             return weak, 0, 0.0, 0
-        groups = nest(arrays)
+        groups, tolerance = nest(arrays), max(tolerance, _TOLERANCE)
         most, largest, missed = 0, 0.0, 0
         for n in range(len(split)):
             b = split[n]
