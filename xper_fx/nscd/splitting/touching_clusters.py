@@ -23,7 +23,12 @@ too far ahead is made again from nearer by.
 
 **When it stops.** With dr_c what contact c still asks for after the vertices, the turns end at
 
-    sum_c |dr_c|^2 <= tolerance^2 sum_c |r_c|^2.
+    sum_c |dr_c|^2 <= tolerance^2 sum_c |r_c|^2,
+
+or where they are within what rounding lets through: contacts ask for dr_c = dv / w_c where their
+velocities are off by dv = 16 eps |v|, w_c the least compliance of their axes in the clusters that
+there are, so that sum_c |r_c|^2 counts as no less than sum_c (dv / (w_c tolerance))^2. Bodies that
+fly side by side push each other by little beside it, and turns beyond it add up roundings.
 
 Impulses and velocities then solve exactly the problem whose free relative velocities at the
 contacts differ by W_cc dr_c. No error of the impulses is estimated from it: where contacts and
