@@ -100,7 +100,7 @@ def split_boxes():
 
 
 def on_edge():
-    """A sphere breaks a plate of tetrahedra on an edge, to which cells on both sides are as near."""
+    """A sphere breaks a plate of tetrahedra on an edge, as near to cells on both sides."""
     ball = RigidBody(Sphere(0.1), (1.1, 0.5, 0.601), "ball", density=9.0, velocity=(0, 0, -4))
     scene = Scene(
         box_bodies((2.0, 1.0, 0.5), (4, 2, 1), "tetrahedron"), {1: touching_bodies.ELASTIC},
