@@ -20,9 +20,9 @@ pytestmark = pytest.mark.ranks
 
 # Vertices that split, at either strain, bonds that break and lips that part, both in space, too,
 # hexahedra and edges that cross, a sphere on an edge, order 2 on a wall, friction that weakens
-# where nodes slide from body to body of one fragment, and ranks without a surface. Beside rigid bodies:
-# joints, clusters of cells that split, discs that meet, an anvil and a floor, solids in space, a
-# disc that flies to another rank's block.
+# where nodes slide from body to body of one fragment, and ranks without a surface. Beside rigid
+# bodies: joints, clusters of cells that split, discs that meet, an anvil and a floor, solids in
+# space, a disc that flies to another rank's block.
 SCENES = {
     2: ("split_cells", "heap", "rammed", "split_struck", "pelted", "thrown", "struck",
         "split_boxes", "on_edge"),
