@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from dolfinx import fem
-from dolfinx.mesh import CellType, create_box, create_rectangle
+from dolfinx.mesh import CellType, create_box, create_mesh, create_rectangle
 from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
@@ -41,6 +41,19 @@ CELLS = [
     ("tetrahedron", (3, 2, 2)),
     ("hexahedron", (3, 2, 2)),
 ]
+
+
+def test_facets_come_in_the_order_of_what_the_mesh_was_made_from():
+    """Where facets are equally near, the first is touched, however ranks number cells."""
+    made = box("tetrahedron", (3, 2, 2))
+    cells = np.random.default_rng(1).permutation(geometry_dofmap(made)).astype(np.int64)
+    mesh = create_mesh(MPI.COMM_SELF, cells=cells, x=made.geometry.x, e=made.ufl_domain())
+    bodies = explode(mesh)
+    surface = extract_surface(bodies, space(bodies))
+    given = made.geometry.x[cells].mean(axis=1)
+    middle = bodies.mesh.geometry.x[geometry_dofmap(bodies.mesh)].mean(axis=1)[surface.body]
+    number = np.linalg.norm(middle[:, None] - given, axis=2).argmin(axis=1)
+    assert np.all(np.diff(number) >= 0)
 
 
 @pytest.mark.parametrize("order", [1, 2])

@@ -12,7 +12,7 @@ from scenes import box_bodies
 from spread_scenes import bytes_held, pieces
 
 from xper_fx.nscd.laws import CohesiveZone, RigidCohesiveZone
-from xper_fx.nscd.rigid import Disc, RigidBody
+from xper_fx.nscd.rigid import Disc, RigidBody, Sphere
 from xper_fx.output.contact_forces import find_contact_forces
 from xper_fx.output.frames import take_frame
 from xper_fx.output.joint_forces import find_joint_forces
@@ -100,6 +100,18 @@ def split_boxes():
     return in_space(law), {"scheme": "explicit", "tolerance": 1e-10}, 16
 
 
+def on_edge():
+    """A sphere breaks a plate of tetrahedra on an edge, as near to cells on both sides."""
+    ball = RigidBody(Sphere(0.1), (1.1, 0.5, 0.601), "ball", density=9.0, velocity=(0, 0, -4))
+    scene = Scene(
+        box_bodies((2.0, 1.0, 0.5), (4, 2, 1), "tetrahedron"), {1: touching_bodies.ELASTIC},
+        default_interaction=RigidCohesiveZone(lambda x: 0.2 * strength(x), 0.01),
+        surfaces={"plate": (1,)}, rigid=[ball],
+        contacts=[Contact((a, "plate"), touching_bodies.RUB) for a in ("ball", "plate")],
+    )  # fmt: skip
+    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 8
+
+
 def split_struck():
     """Cells that initially rigid bonds join fly into discs that meet, and on a floor."""
     scene, options, steps = touching_bodies.split_struck()
@@ -129,7 +141,7 @@ def thrown():
 
 OWN = (
     broken_boxes, split_boxes, thrown, split_cells, turning_cells, breaking, one_end,
-    split_struck, turning_split_struck,
+    split_struck, turning_split_struck, on_edge,
 )  # fmt: skip
 SCENES = {f.__name__: f for f in OWN}
 SCENES |= {

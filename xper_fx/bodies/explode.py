@@ -490,7 +490,8 @@ def _cut(
         cells = inverse.reshape(parent_nodes.shape)
         node_of_vertex = unique % num_parent_nodes
     x = mesh.geometry.x[:, :tdim]
-    exploded = create_exploded_mesh(mesh, cells, x[node_of_vertex])
+    numbers = mesh.topology.original_cell_index[by_body]
+    exploded = create_exploded_mesh(mesh, cells, x[node_of_vertex], numbers)
     exploded.name = mesh.name
     parent_vertex = node_of_vertex[exploded.geometry.input_global_indices].astype(np.int32)
 

@@ -99,7 +99,7 @@ def known_cells(
     vertices, place = np.unique(nodes, return_inverse=True)
     at = np.empty((len(vertices), tdim), x.dtype)
     at[place.ravel()] = x.reshape(-1, tdim)
-    known = create_exploded_mesh(mesh, place.reshape(nodes.shape), at)
+    known = create_exploded_mesh(mesh, place.reshape(nodes.shape), at, number)
     known.name = mesh.name
     known.topology.create_connectivity(tdim, tdim - 1)
     facets = known.topology.connectivity(tdim, tdim - 1).array.reshape(facet_tag.shape)

@@ -44,8 +44,8 @@ def extract_surface(
 ) -> Surface:
     """Outer facets of bodies, and those that face each other, for `SurfaceSearch`.
 
-    Facing facet i of `bodies.facets` is bond i. Facets come in the order of cells, and of facets
-    within these.
+    Facing facet i of `bodies.facets` is bond i. Facets come in the order of the cells that the
+    parent was made from, and of facets within these.
 
     Args:
         bodies: the bodies, of no periodic cell.
@@ -85,9 +85,9 @@ def numbered_surface(
     cell = np.concatenate([outer.cells[:, 0], facing.cells[:, 0], facing.cells[:, 1]])
     bond = np.concatenate([np.full(len(outer.cells), -1), np.tile(np.arange(len(facing)), 2)])
     local = np.concatenate([outer.local_facets[:, 0], *facing.local_facets.T])
-    # numbers decide between what is equally near: they should not hang on axes, as those of
-    # facing facets do
-    taken = np.lexsort((local, cell))
+    # their order decides between what is equally near: it should not hang on axes, as that of
+    # facing facets does, nor on how cells are divided or renumbered
+    taken = np.lexsort((local, bodies.mesh.topology.original_cell_index[cell]))
     taken = taken[group_of_cell[cell[taken]] >= 0]
     dim = bodies.mesh.topology.dim
     pieces = np.array(_PIECES[dim, nodes.shape[1]])

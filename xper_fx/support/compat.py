@@ -78,7 +78,10 @@ def index_map(
 
 
 def create_exploded_mesh(
-    parent: Mesh, cells: npt.NDArray[np.int64], x: npt.NDArray[np.floating]
+    parent: Mesh,
+    cells: npt.NDArray[np.int64],
+    x: npt.NDArray[np.floating],
+    numbers: npt.NDArray[np.int64] | None = None,
 ) -> Mesh:
     """Build a first-order mesh on one process with its cells in the given order, in O(n).
 
@@ -91,6 +94,7 @@ def create_exploded_mesh(
         cells: the nodes of each cell, shape (num_cells, num_vertices_per_cell); every node in
             0, ..., num_nodes - 1 is used.
         x: coordinates, shape (num_nodes, geometric dimension), m.
+        numbers: what `topology.original_cell_index` has; those here if not given.
 
     Returns:
         The mesh; `geometry.input_global_indices` gives the row of `x` of each geometry node.
@@ -102,7 +106,7 @@ def create_exploded_mesh(
         MPI.COMM_SELF,
         [parent.topology.cell_type],
         [cells.ravel().tolist()],
-        [list(range(len(cells)))],
+        [list(range(len(cells))) if numbers is None else numbers.tolist()],
         [[]],
         [],
     )

@@ -8,8 +8,8 @@ a cluster of cells may be touched by contacts of several ranks. Turns are those 
 1. a rank solves those of its vertices that contacts touch, whosesoever these are,
 2. ranks with contacts are told the velocity and one over the mass of each cluster there, and the
    number by which all know it, that of its first corner,
-3. all contacts are told to all ranks, each of which sweeps all of them in the same order. The bits
-   are the same, and so are the decisions,
+3. all contacts are told to all ranks, what stays in a step once, each of which sweeps all of them
+   in the same order. The bits are the same, and so are the decisions,
 4. corners and rigid bodies get the impulses that the contacts of all ranks give them.
 
 Rigid bodies have velocities and blocks of w on all ranks, each of which moves all of them as it
@@ -21,12 +21,14 @@ sweeps.
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import chain
 
 import numpy as np
 
 from xper_fx.nscd.contact_history import kernels_of_contacts
 from xper_fx.nscd.couplings import Couplings
 from xper_fx.nscd.interactions import Interactions
+from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.solvers.solver import SolveOptions, SolveReport
 from xper_fx.nscd.splitting.touching_clusters import SweptContacts, TouchingClusters
 
@@ -47,7 +49,6 @@ class SharedClusters(TouchingClusters):
     ):
         self._halo = halo = interactions.halo
         super().__init__(interactions, velocity, move, options)
-        self._law_kernels = kernels_of_contacts(interactions.laws, interactions.dim)
         self._nodes = super()._touched_slots()
         count, own = len(self._velocity), interactions.own_inverse.num_nodes
         first = halo.ranks.before(own)
@@ -67,7 +68,20 @@ class SharedClusters(TouchingClusters):
         # of each slot its cluster's number and one over its mass, and a slot for it at contacts
         self._known_number, self._known_mobility = self._number.copy(), self._mobility.copy()
         self._known_root = self._root.copy()
-        self._own = slice(0, 0)
+        laws = kernels_of_contacts(interactions.laws, interactions.dim)
+        self._of_all = self._contacts_of_all(laws)
+
+    def _contacts_of_all(self, laws: list[LawKernels]) -> list[SweptContacts]:
+        """Contacts of all ranks, where details of rolling points are the impulses of contacts."""
+        own = [
+            contacts._replace(kernels=laws.index(contacts.kernels), turned=turned)
+            for contacts, turned in zip(self._swept, self._turned, strict=True)
+        ]
+        comm = self._halo.ranks.comm
+        told = comm.allgather(own)
+        before = sum(map(len, told[: comm.rank]))
+        self._own = slice(before, before + len(own))
+        return [c._replace(kernels=laws[c.kernels]) for of_rank in told for c in of_rank]
 
     def _touched_slots(self) -> np.ndarray:
         """Slots here that contacts of some rank touch."""
@@ -107,21 +121,17 @@ class SharedClusters(TouchingClusters):
         self._gather(number, known[first])
 
     def _gather(self, number: np.ndarray, slots: np.ndarray) -> None:
-        """Tell all ranks the contacts of all.
+        """Tell all ranks what has changed of the contacts of all.
 
         Args:
             number: shape (num_slots,), of the cluster of each.
             slots: one for each cluster at own contacts.
         """
-        own = []
-        for g, turned in zip(self._groups, self._turned, strict=True):
-            contacts = SweptContacts.of(g)
-            law = self._law_kernels.index(g.kernels)
-            nodes = number[contacts.nodes]
-            own.append(contacts._replace(kernels=law, turned=turned, nodes=nodes))
+        changing = [
+            (number[g.points.nodes], g.compliance, g.terms, g.details) for g in self._groups
+        ]
         clusters = number[slots], self._velocity[slots], self._known_mobility[slots]
-        comm = self._halo.ranks.comm
-        told, at = zip(*comm.allgather((own, clusters)), strict=True)
+        told, at = zip(*self._halo.ranks.comm.allgather((changing, clusters)), strict=True)
         numbers, velocity, mobility = map(np.concatenate, zip(*at, strict=True))
         blocks, first_rigid = self._rigid
         numbers, first = np.unique(numbers, return_index=True)
@@ -134,18 +144,16 @@ class SharedClusters(TouchingClusters):
             np.arange(len(numbers), dtype=np.int32),
             np.concatenate([mobility[first], self._mobility_of_rigid, ground]), blocks, len(first),
         )  # fmt: skip
-        self._swept = [
-            contacts._replace(
-                kernels=self._law_kernels[contacts.kernels],
-                nodes=np.searchsorted(numbers, contacts.nodes).astype(np.int32),
-                turned=contacts.turned
-                and _at_places(contacts.turned, lambda there: np.searchsorted(numbers, there)),
-            )
-            for of_rank in told
-            for contacts in of_rank
-        ]
-        before = sum(map(len, told[: comm.rank]))
-        self._own = slice(before, before + len(own))
+        self._swept = []
+        for contacts, (nodes, *changed) in zip(self._of_all, chain(*told), strict=True):
+            now = contacts.compliance, contacts.terms, contacts.details
+            for array, values in zip(now, changed, strict=True):
+                array[:] = values
+            turned = contacts.turned
+            if turned:
+                turned = _at_places(turned, lambda there: np.searchsorted(numbers, there))
+            nodes = np.searchsorted(numbers, nodes).astype(np.int32)
+            self._swept.append(contacts._replace(nodes=nodes, turned=turned))
 
 
 def _at_places(turned: Couplings, place: Callable[[np.ndarray], np.ndarray]) -> Couplings:

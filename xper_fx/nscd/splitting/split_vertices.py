@@ -15,10 +15,11 @@ from xper_fx.nscd.splitting.vertex_kernels import vertex_kernels
 from xper_fx.nscd.splitting.whole_vertices import whole_kernel
 
 # Relative change of the impulses of a vertex at which it is solved: a few unknowns, cheap to have.
+# Solvers with a tolerance below it take it, too: it is near what rounding lets through.
 _TOLERANCE = 1e-11
 # Change at which a vertex is solved where Newton's method has come to rest, if that is within the
-# solver's tolerance: a bond at a kink of its law, as one that just bears its load, then answers now
-# so and now so.
+# solver's tolerance, or what opens is all that is asked: a bond at a kink of its law, as one that
+# just bears its load, then answers now so and now so.
 _AT_REST = 1e-6
 # Relative change of internal variables, as of damage, at which they have followed.
 _SETTLED = 1e-9
@@ -160,7 +161,8 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
         parts = partition(b, k, g, work)
         sweeps, rounds, each_for_itself = 0, _ROUNDS, False
         while True:
-            count, error = solve_clusters(b, g, work, rows, step, tolerance, groups, group_of)
+            rest = _AT_REST if each_for_itself else tolerance
+            count, error = solve_clusters(b, g, work, rows, step, rest, groups, group_of)
             sweeps += count
             if each_for_itself:
                 before, each_for_itself = parts, False
@@ -220,7 +222,7 @@ def split_kernel(laws: tuple[LawKernels, ...], dim: int):
         )  # fmt: skip
         if weak > 0:
             return weak, 0, 0.0, 0
-        groups = nest(arrays)
+        groups, tolerance = nest(arrays), max(tolerance, _TOLERANCE)
         most, largest, missed = 0, 0.0, 0
         for n in range(len(split)):
             b = split[n]

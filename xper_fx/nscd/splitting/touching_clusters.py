@@ -23,7 +23,12 @@ too far ahead is made again from nearer by.
 
 **When it stops.** With dr_c what contact c still asks for after the vertices, the turns end at
 
-    sum_c |dr_c|^2 <= tolerance^2 sum_c |r_c|^2.
+    sum_c |dr_c|^2 <= tolerance^2 sum_c |r_c|^2,
+
+or where they are within what rounding lets through: contacts ask for dr_c = dv / w_c where their
+velocities are off by dv = 16 eps |v|, w_c the least compliance of their axes in the clusters that
+there are, so that sum_c |r_c|^2 counts as no less than sum_c (dv / (w_c tolerance))^2. Bodies that
+fly side by side push each other by little beside it, and turns beyond it add up roundings.
 
 Impulses and velocities then solve exactly the problem whose free relative velocities at the
 contacts differ by W_cc dr_c. No error of the impulses is estimated from it: where contacts and
@@ -58,6 +63,8 @@ _MEMORY, _PLAIN = 8, 3
 # least so far, at which a turn has begun too far ahead, and how much nearer the next begins, down
 # to which share.
 _CREEPS, _GROWTH, _SHORTER, _SHORTEST = 1e-2, 3.0, 0.25, 1e-7
+# Rounding of relative velocities beside the speeds that they are of.
+_ROUNDING = 16.0 * np.finfo(float).eps
 # Turns after which to give up: bonds snap to and fro, and a shorter step will do.
 _TURNS = 150
 
@@ -121,11 +128,11 @@ class TouchingClusters:
         self._rigid_w = interactions.rigid_blocks
         self._root = np.arange(len(self._velocity), dtype=np.int32)
         self._mobility = graphs.compliance.copy()
-        self._least = interactions.rounding(velocity) / options.tolerance
         self._swept = [SweptContacts.of(g) for g in self._groups]
         # where contacts here have rigid bodies, blocks of these, and the first of their places
         self._turned = [contacts.turned for contacts in self._swept]
         self._rigid = self._rigid_w, self._first_rigid
+        self._rounding = _ROUNDING * self._largest_speed()
         # velocities, the row of each node's cluster there, one over its mass, and rigid bodies
         self._of_clusters = self._velocity, self._root, self._mobility, *self._rigid
 
@@ -149,6 +156,7 @@ class TouchingClusters:
         report = self._move(vertices)
         for _ in range(_TURNS):
             self._find_clusters()
+            self._least = self._rounding * self._stiffness() / tolerance
             residual, traction = self._sweep(acts=False)
             arrived = residual <= tolerance
             if arrived and ahead is None:
@@ -236,6 +244,23 @@ class TouchingClusters:
             if not np.array_equal(w, g.compliance):
                 g.compliance[:] = w
                 self._interactions.prepare_group(g)
+
+    def _largest_speed(self) -> float:
+        """Of slots and, by their spins, of points of rigid bodies (m/s), over all ranks."""
+        arms = [np.abs(c.lever_arms).max(initial=0.0) for c in self._turned if c]
+        speed = np.abs(self._free)
+        first = self._first_rigid
+        speed[first + 1 : first + 2 * len(self._rigid_w) : 2] *= max(arms, default=0.0)
+        return self._interactions.largest(float(speed.max(initial=0.0)))
+
+    def _stiffness(self) -> float:
+        """How contacts answer velocities that are off alike, |dr| over dv (kg)."""
+        total = 0.0
+        for contacts in self._swept:
+            diagonal = np.equal(*sym_indices(contacts.kernels.components))
+            w = contacts.compliance[:, diagonal]
+            total += float(np.sum(np.where(w > 0.0, w, np.inf).min(axis=1) ** -2.0))
+        return np.sqrt(total)
 
     def _sweep_on(self) -> int:
         """Sweep until changes are small beside the tolerance; returns how often."""
