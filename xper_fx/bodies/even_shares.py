@@ -14,6 +14,7 @@ import numpy.typing as npt
 from dolfinx.mesh import Mesh
 
 from xper_fx.bodies.keepers import Keepers
+from xper_fx.bodies.meshes import facets_of_cells
 from xper_fx.support.compat import geometry_dofmap
 from xper_fx.support.ranks import Ranks
 
@@ -54,9 +55,7 @@ def rank_of_bodies(ranks: Ranks, mesh: Mesh, label: npt.NDArray[np.int64]) -> np
 
 def _work(mesh: Mesh, body: np.ndarray) -> np.ndarray:
     """Work of each own cell; facets between cells of two ranks are left out."""
-    tdim = mesh.topology.dim
-    facets = mesh.topology.connectivity(tdim, tdim - 1).array
-    facets = facets.reshape(-1, len(facets) // len(geometry_dofmap(mesh)))[: len(body)]
+    facets = facets_of_cells(mesh)[: len(body)]
     low = np.full(facets.max(initial=-1) + 1, len(body))
     high = np.full(len(low), -1)
     np.minimum.at(low, facets, body[:, None])

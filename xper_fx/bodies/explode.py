@@ -27,6 +27,7 @@ from xper_fx.bodies.meshes import (
     check_mesh,
     facet_cells,
     facet_geometry_nodes,
+    facets_of_cells,
     local_facet_vertices,
     midpoints_of,
     reference_cell,
@@ -515,11 +516,10 @@ def _explode_share(
         tagged, tag = _facet_tag_array(facet_tags, mesh)
         tag_of_facet = np.full(len(tag), UNTAGGED, np.int32)
         tag_of_facet[tagged] = tag[tagged]
-        facets = mesh.topology.connectivity(tdim, tdim - 1).array
         return (
             None if isinstance(bodies, str) else labels[body],
             _materials(cell_tags, mesh, count),
-            tag_of_facet[facets.reshape(-1, len(local_facet_vertices(mesh)))[:count]],
+            tag_of_facet[facets_of_cells(mesh)[:count]],
         )
 
     cells = known_cells(ranks, mesh, *ranks.together(checked))
@@ -647,15 +647,11 @@ def _exploded_facet_tags(
     A cell has the same vertices in the same order in both meshes, hence the same local facets.
     """
     tdim = mesh.topology.dim
-    exploded.topology.create_connectivity(tdim, tdim - 1)
-    exploded.topology.create_connectivity(tdim - 1, tdim)
-    facets_of_cell = exploded.topology.connectivity(tdim, tdim - 1).array
-    facets_of_cell = facets_of_cell.reshape(len(new_cell), -1)
     cells, local = cells_of_facet
     facets, tag = tagged
     cells, local = cells[facets], local[facets]
     there = cells >= 0
-    copies = facets_of_cell[new_cell[cells[there]], local[there]]
+    copies = facets_of_cells(exploded)[new_cell[cells[there]], local[there]]
     values = np.broadcast_to(tag[facets, np.newaxis], cells.shape)[there]
     copies, first = np.unique(copies, return_index=True)
     return meshtags(exploded, tdim - 1, copies.astype(np.int32), values[first].astype(np.int32))

@@ -507,6 +507,18 @@ def facet_geometry_nodes(
     return geometry_dofmap(mesh)[cells[:, np.newaxis], local_facet_vertices(mesh)[local_facets]]
 
 
+def facets_of_cells(mesh: Mesh) -> npt.NDArray[np.int32]:
+    """Return the facets of each cell that is known here, shape (num_cells, num_facets), int32.
+
+    Cells and facets are connected both ways, as tags of facets need it.
+    """
+    tdim = mesh.topology.dim
+    mesh.topology.create_connectivity(tdim - 1, tdim)
+    mesh.topology.create_connectivity(tdim, tdim - 1)
+    facets = mesh.topology.connectivity(tdim, tdim - 1).array
+    return facets.reshape(-1, len(local_facet_vertices(mesh)))
+
+
 def facet_cells(mesh: Mesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
     """Return the cells of every facet.
 
@@ -520,9 +532,7 @@ def facet_cells(mesh: Mesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32
     Raises:
         ValueError: a facet is shared by more than two cells.
     """
-    tdim = mesh.topology.dim
-    mesh.topology.create_connectivity(tdim - 1, tdim)
-    mesh.topology.create_connectivity(tdim, tdim - 1)
+    tdim, facets_of_cell = mesh.topology.dim, facets_of_cells(mesh)
     to_cells = mesh.topology.connectivity(tdim - 1, tdim)
     offsets, links = to_cells.offsets, to_cells.array
     count = np.diff(offsets)
@@ -539,8 +549,6 @@ def facet_cells(mesh: Mesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32
     cells[:, 0] = links[offsets[:-1]]
     inner = count == 2
     cells[inner, 1] = links[offsets[:-1][inner] + 1]
-    to_facets = mesh.topology.connectivity(tdim, tdim - 1)
-    facets_of_cell = to_facets.array.reshape(to_facets.num_nodes, -1)
     local = np.full(cells.shape, -1, dtype=np.int32)
     facets = np.arange(len(count))[:, np.newaxis]
     local[:, 0] = np.argmax(facets_of_cell[cells[:, 0]] == facets, axis=1)

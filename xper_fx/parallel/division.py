@@ -35,18 +35,12 @@ def partition_bodies(
         num_ranks: number of ranks.
 
     Returns:
-        The rank of each body, shape (num_bodies,), int32; every rank has some. It depends on the
-        arguments alone.
-
-    Raises:
-        ValueError: fewer bodies than ranks.
+        The rank of each body, shape (num_bodies,), int32. Every rank has some; of fewer bodies
+        than ranks the first ranks have one each. It depends on the arguments alone.
     """
     count = len(weights)
-    if count < num_ranks:
-        raise ValueError(
-            f"The scene has {count} bodies for {num_ranks} ranks, and a body is whole on a rank: "
-            f"run on at most {count} ranks."
-        )
+    if count <= num_ranks:
+        return np.arange(count, dtype=np.int32)
     if num_ranks == 1:
         return np.zeros(count, np.int32)
     rank_of_body = _scotch(np.asarray(weights), _graph(pairs, exchanged, count), num_ranks)

@@ -152,10 +152,6 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
         name
         for name, there in (
             ("rigid bodies alone", scene.bodies is None),
-            (
-                "fewer bodies than ranks",
-                (touching or scene.ties) and scene.bodies.counts[0] < team.size,
-            ),
             (f'solver="{_name(options.solver)}"', options.solver not in _ON_RANKS),
             (
                 "nothing between bodies",
