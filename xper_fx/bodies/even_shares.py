@@ -21,7 +21,7 @@ from xper_fx.support.ranks import Ranks
 # Share of a cell and of a facing facet in the work of a body.
 CELL, FACET = 1, 2
 # Most work of a rank, over the mean, up to which bodies stay if each rank has some; what other
-# shares must make of it.
+# shares, which no fewer ranks have, must make of it.
 _UNLIKE, _WORTH = 1.15, 0.95
 # Halvings that find where a part is cut; by how much cuts lean, for bodies side by side to part.
 _HALVINGS, _LEAN = 50, 1e-3
@@ -44,11 +44,11 @@ def rank_of_bodies(ranks: Ranks, mesh: Mesh, label: npt.NDArray[np.int64]) -> np
     sums = keepers.sum(np.array([np.bincount(body, column) for column in columns]).T)
     work, middle = sums[:, 0], sums[:, 2:] / sums[:, 1:2]
     load = _loads(ranks, rank, work)
-    bare = load.min() == 0.0
-    if bare or load.max() > _UNLIKE * load.mean():
+    if load.max() > _UNLIKE * load.mean() or not load.all():
         other = _bisected(ranks, middle, work)
         others = _loads(ranks, other, work)
-        if others.min() > 0.0 and (bare or others.max() < _WORTH * load.max()):
+        gained = np.count_nonzero(others) - np.count_nonzero(load)  # ranks that have bodies
+        if gained > 0 or gained == 0 and others.max() < _WORTH * load.max():
             rank = other
     return keepers.answer(rank).astype(np.int32)[body]
 

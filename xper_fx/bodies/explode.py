@@ -413,13 +413,25 @@ def explode(
         TypeError: `bodies`, `cell_tags`, `facet_tags` or `voids` is of the wrong type.
         ValueError: labels or tags do not fit the mesh; a cell is degenerate; a facet is shared
             by three cells; two cells overlap at a facet; the geometry is not first order; facets
-            of a periodic cell's boundary have no translate; a rank that gets no body.
+            of a periodic cell's boundary have no translate.
     """
     if isinstance(mesh, Mesh) and mesh.comm.size > 1:
         if lattice is not None or len(voids):
             require_whole(mesh.comm)
         return _explode_share(mesh, bodies, cell_tags, facet_tags)
     check_mesh(mesh)
+    return _cut(mesh, bodies, cell_tags, facet_tags, lattice, voids)
+
+
+def _cut(
+    mesh: Mesh,
+    bodies: str | npt.ArrayLike,
+    cell_tags: MeshTags | None,
+    facet_tags: MeshTags | None,
+    lattice: npt.ArrayLike | None = None,
+    voids: Sequence[int] = (),
+) -> Bodies:
+    """Cut a mesh that is whole, perhaps of no cells; arguments as of `explode`."""
     tdim = mesh.topology.dim
     num_cells = mesh.topology.index_map(tdim).size_local
     labels, body_of_parent = _body_labels(bodies, num_cells)
@@ -527,15 +539,9 @@ def _explode_share(
         if given is not None:
             tags.name = given.name
 
-    def cut() -> Bodies:
-        if not np.any(cells.rank == ranks.rank):
-            raise ValueError(
-                f"Rank {ranks.rank} of {ranks.size} gets none of the bodies, each of which is "
-                "whole on the rank that has most of its cells: take fewer ranks or smaller bodies."
-            )
-        return explode(cells.mesh, cells.label, cells.cell_tags, cells.facet_tags)
-
-    known = ranks.together(cut)
+    known = ranks.together(
+        lambda: _cut(cells.mesh, cells.label, cells.cell_tags, cells.facet_tags)
+    )
     rank_of_cell = cells.rank[known.parent_cell]
     rank_of_body = np.empty(known.num_bodies, np.int32)
     rank_of_body[known.body_of_cell] = rank_of_cell

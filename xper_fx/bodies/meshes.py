@@ -390,7 +390,7 @@ def check_mesh(mesh: Mesh, geometry: bool = True, spread: bool = False) -> None:
         TypeError: it is no mesh.
         SerialOnlyError: it is spread over several processes and may not be.
         ValueError: its cells are of an unknown type or of higher order, it is curved in space, it
-            has no cells here, or a cell is degenerate or folded.
+            has no cells, or a cell is degenerate or folded.
     """
     if not isinstance(mesh, Mesh):
         raise TypeError(f"mesh is a {type(mesh).__name__}; expected dolfinx.mesh.Mesh.")
@@ -412,9 +412,8 @@ def _check_share(mesh: Mesh, geometry: bool) -> None:
         raise ValueError(
             f"The mesh has a geometry of order {degree}; expected order 1, straight edges."
         )
-    if mesh.topology.index_map(tdim).size_local == 0:
-        where = "" if mesh.comm.size == 1 else f" on rank {mesh.comm.rank}: take fewer ranks"
-        raise ValueError(f"The mesh has no cells{where}.")
+    if mesh.topology.index_map(tdim).size_global == 0:
+        raise ValueError("The mesh has no cells.")
     if geometry:
         _check_cells(mesh)
 
