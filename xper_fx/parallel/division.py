@@ -39,7 +39,7 @@ def partition_bodies(
         than ranks the first ranks have one each. It depends on the arguments alone.
     """
     count = len(weights)
-    if count <= num_ranks:
+    if count < num_ranks:
         return np.arange(count, dtype=np.int32)
     if num_ranks == 1:
         return np.zeros(count, np.int32)
@@ -132,9 +132,10 @@ def _scotch(weights, adjacency, num_ranks: int) -> np.ndarray:
 
 
 def none_empty(rank_of_body: np.ndarray, num_ranks: int) -> np.ndarray:
-    """Give each rank that has nothing a body of the rank that has most."""
+    """Give each rank that has nothing, while there are any, a body of the rank that has most."""
     sizes = np.bincount(rank_of_body, minlength=num_ranks)
-    for rank in np.flatnonzero(sizes == 0):
+    spare = len(rank_of_body) - np.count_nonzero(sizes)
+    for rank in np.flatnonzero(sizes == 0)[:spare]:
         largest = int(np.argmax(sizes))
         rank_of_body[np.flatnonzero(rank_of_body == largest)[-1]] = rank
         sizes[largest] -= 1
