@@ -261,7 +261,7 @@ class Bodies:
 
         count = V.dofmap.index_map.size_local
         pairs = self.nodes_on_facets(V, self.ties).transpose(1, 0, 2).reshape(2, -1)
-        if self.lattice is not None:
+        if self.lattice is not None and count:
             pairs = np.concatenate([pairs, self._translates_within_bodies(V)], axis=1)
         graph = coo_array((np.ones(pairs.shape[1]), tuple(pairs)), shape=(count, count))
         number, label = connected_components(graph, directed=False)

@@ -56,6 +56,11 @@ class Ranks:
             return _plain(np.where(missing > 0.0, np.nan, largest))
         return _plain(np.maximum.reduce(self._of_all(value), axis=0))
 
+    def box(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Low and high corner of the box around the points of all ranks, of which one has some."""
+        low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
+        return -self.max(-low), self.max(high)
+
     def sum_and_max(self, added, compared):
         """Sum of the first and largest of the second; few ranks wait for each other once."""
         if self.alone or self.size > _FEW:
