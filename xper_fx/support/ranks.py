@@ -8,14 +8,22 @@ them: by its standard "the result" of MPI_Allreduce is in the buffers of all (MP
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, NoReturn, TextIO
 
 import numpy as np
 from mpi4py import MPI
 
 # Ranks up to which each has the values of all, and adds them up itself.
 _FEW = 64
+# Seconds that a rank that has failed waits for the others to fail, too; tag of what it tells them.
+_PATIENCE, _FAILED = 30.0, 32_001
+# Seconds that a rank leaves to those before it, which may be about to say the same.
+_GRACE, _TURN, _LONGEST = 1.0, 0.2, 10.0
 
 
 class Ranks:
@@ -127,6 +135,29 @@ class Ranks:
         """Let the first rank do something for all; what it raises is raised on all."""
         self.together(call if self.rank == 0 else lambda: None)
 
+    @contextmanager
+    def ending_all(self) -> Iterator[None]:
+        """What a rank raises within, and not all do, ends all ranks: they would wait for it.
+
+        Where all raise, each goes on with its own error.
+        """
+        try:
+            yield
+        except Exception:
+            if not (self.alone or self._all_fail()):
+                end_all(self.comm, sys.__stderr__)
+            raise
+
+    def _all_fail(self) -> bool:
+        """Whether all ranks call this in time; they tell each other beside what else they send."""
+        others = [rank for rank in range(self.size) if rank != self.rank]
+        waited = [self.comm.Isend(bytearray(1), rank, _FAILED) for rank in others]
+        waited += [self.comm.Irecv(bytearray(1), rank, _FAILED) for rank in others]
+        end = time.monotonic() + _PATIENCE
+        while not (done := MPI.Request.Testall(waited)) and time.monotonic() < end:
+            time.sleep(0.01)
+        return done
+
     def gather(self, numbers: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Entries of an array that is spread over the ranks, on every rank.
 
@@ -146,6 +177,16 @@ class Ranks:
         for n, v in parts:
             whole[n] = v
         return whole
+
+
+def end_all(comm: MPI.Comm, terminal: TextIO) -> NoReturn:
+    """Print the error that is being handled, and end all ranks; several speak in their order."""
+    if comm.rank > 0:
+        time.sleep(min(_GRACE + _TURN * comm.rank, _LONGEST))
+    terminal.write(f"Rank {comm.rank} of {comm.size} failed:\n")
+    traceback.print_exc(file=terminal)
+    terminal.flush()
+    comm.Abort(1)
 
 
 def _plain(value):
