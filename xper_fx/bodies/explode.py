@@ -539,9 +539,7 @@ def _explode_share(
         if given is not None:
             tags.name = given.name
 
-    known = ranks.together(
-        lambda: _cut(cells.mesh, cells.label, cells.cell_tags, cells.facet_tags)
-    )
+    known = ranks.together(lambda: _cut(cells.mesh, cells.label, cells.cell_tags, cells.facet_tags))
     rank_of_cell = cells.rank[known.parent_cell]
     rank_of_body = np.empty(known.num_bodies, np.int32)
     rank_of_body[known.body_of_cell] = rank_of_cell

@@ -235,8 +235,8 @@ class Simulation(Restartable):
                     yield record
                     if self._stepping is not this:
                         raise RuntimeError(
-                            f"These steps() to {end_time:g} s were left: others have begun, and the "
-                            "simulation has one time. Take one after the other."
+                            f"These steps() to {end_time:g} s were left: others have begun, and "
+                            "the simulation has one time. Take one after the other."
                         )
                 self._attempts.tell_strain(self.state, self.step_number, self.step_size)
                 if self._judge is not None:
