@@ -24,7 +24,7 @@ the energy ledger, which closes to 1e-13, is made of.
 **The sweep** is one in which every point moves, as in a step: velocities are disturbed before it.
 12 160 points stay in the cache and take 15 ns each, 1 022 000 come from memory and take 39 ns,
 hence an exponent of 1.25 over all sizes; without asking for the memory of points to come
-(`nscd/exchange.fetch_kernel`) it was 60 ns. Some 300 bytes a point at the 16 GB/s that one thread
+(`nscd/couplings.fetch_kernel`) it was 60 ns. Some 300 bytes a point at the 16 GB/s that one thread
 reads here would take 20 ns. Asking for the laws' terms as well, which lie in order, gave nothing;
 tiles grown as compact patches instead of strips another 13 % at 1 022 000 points, nothing below.
 """

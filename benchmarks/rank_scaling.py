@@ -28,10 +28,11 @@ eight messages between two ranks in place of one; v: bytes that a rank sends; l,
 bandwidth between ranks (assumed: 2 us and 10 GB/s, an InfiniBand network). Messages to several
 neighbours are on their way together; sums go through log2 P stages, as MPI doubles the distance.
 b, k, v and the phases of sweeps come from a plate of 10 000 points a rank that is divided for P
-ranks here, of 1e7 points at most: beyond 1000 ranks parts are smaller, which leaves neighbours and
-phases as they are and makes b larger, and v is that of 10 000 points (it goes with the root). Of
-what ranks wait for each other the model knows the imbalance alone: other programs on their cores
-come on top.
+ranks here, of 1e7 points at most. Beyond 1000 ranks parts are smaller, which leaves neighbours and
+phases as they are; v is then that of 10 000 points (it goes with the root), and b that of as many
+parts as 1e7 points make of 10 000 each, times what parts of the smaller size lose by their greater
+number, b_small(P) / b_small(1000), both of which are printed. Of what ranks wait for each other the
+model knows the imbalance alone: other programs on their cores come on top.
 """
 
 from __future__ import annotations
@@ -190,12 +191,12 @@ def row(label: str, r: dict, one: dict, share: float) -> None:
     )  # fmt: skip
 
 
-def divided(count: int):
+def divided(count: int, points: float):
     """A plate for so many ranks: imbalance, cut facets of a rank, neighbours in each exchange.
 
-    These are of all, for the exchanges once a step, and after each phase of a sweep.
+    These are of all, for the exchanges once a step, and after each phase of a sweep; `points` are
+    those of a rank.
     """
-    points = min(POINTS, MOST / count)
     cells = 20 * round((points * count / 12) ** 0.5 / 20)
     bodies = notched_plate(cells, "weak", homogeneous=True).bodies
     facets, rank_of_body = bodies.facets, bodies_by_rank(bodies, count)
@@ -217,6 +218,15 @@ def divided(count: int):
     return load.max() / load.mean(), at_cut * (POINTS / points) ** 0.5, np.array(neighbours)
 
 
+def imbalance_of_many(count: int, small: float) -> float:
+    """That of parts of `POINTS`, more than are divided here; `small` is that of small parts."""
+    full = int(MOST / POINTS)
+    large, few = divided(full, POINTS)[0], divided(full, MOST / count)[0]
+    print(f"{count} parts of {MOST / count:.0f} points: imbalance {small:.3f}, of {full} such "
+          f"{few:.3f}, of {full} with {POINTS} points {large:.3f}")  # fmt: skip
+    return large * small / few
+
+
 def model(counts: list[int], one: dict, two: dict, scheme: str) -> None:
     """What the model gives for plates of `POINTS` a rank, from steps of one rank and of two."""
     work = one["least"] / one["points"]
@@ -231,7 +241,9 @@ def model(counts: list[int], one: dict, two: dict, scheme: str) -> None:
     print(f"{'ranks':>6} {'points':>10} {'imbalance':>10} {'cut facets':>11} {'neighbours':>13} "
           f"{'exchanges':>10} {'sums':>6} {'kB':>8} {'step, ms':>9} {'effic.':>11}")  # fmt: skip
     for count in counts:
-        imbalance, at_cut, neighbours = divided(count)
+        imbalance, at_cut, neighbours = divided(count, min(POINTS, MOST / count))
+        if POINTS * count > MOST:
+            imbalance = imbalance_of_many(count, imbalance)
         messages = (neighbours - 1) * message
         waits = once * (two["exchange_cost"] + messages[0] + LATENCY)
         waits += sweeps * np.sum(two["phase_cost"] + messages[1:] + LATENCY)

@@ -182,7 +182,7 @@ class ExplicitScheme:
                     free = free.copy()  # solvers change what is in slots
                     nodes = None if inverse.in_order else inverse.nodes
                     turn(interactions, bulk, nodes, state, v0, step, self.theta)
-                interactions.begin_step(step, self.theta, solver.prepares_bonds)
+                interactions.begin_step(step, self.theta, interactions.ordering == "vertices")
             with watch.phase("interaction solve"):
                 velocity, impulses, slots, report = interact(
                     inverse, interactions, solver, room, options

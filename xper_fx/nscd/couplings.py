@@ -130,7 +130,7 @@ def couple_again(couplings: Couplings, points: InteractionPoints) -> Couplings:
 # Largest block whose rows are added as one vector each.
 _VECTOR_DOFS = 16
 # Doubles in a cache line, and how many visits ahead lines are asked for.
-_LINE, _AHEAD = 8, np.uintp(8)
+LINE, _AHEAD = np.uintp(8), np.uintp(8)
 
 
 @cache
@@ -353,7 +353,7 @@ def fetch_kernel(sides: Sides, blocks: Blocks):
 
         return fetch
 
-    offsets = tuple(map(np.uintp, (*range(0, count - 1, _LINE), count - 1)))
+    offsets = tuple(map(np.uintp, (*range(0, count - 1, LINE), count - 1)))
     size, k = np.uintp(blocks.size), sides.k
 
     @njit(inline="always")

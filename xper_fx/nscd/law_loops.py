@@ -9,9 +9,14 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.couplings import Sides, point_velocity
+from xper_fx.nscd.couplings import Sides, point_velocity, prefetch
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, MERGED
 from xper_fx.nscd.laws.law import LawKernels
+
+# Points whose energies are added up for themselves: sums do not hang on the number of threads.
+CHUNK = 1024
+# Visits ahead at which velocities are asked for.
+_AHEAD = 8
 
 
 @cache
@@ -19,31 +24,38 @@ def ending(law: LawKernels, sides: Sides):
     """Kernel that ends the step of point i of p, `PointArrays`.
 
     Its jump, `jump0` (m) at the start, has changed at the rate `mean` (m/s); `u` is the velocity at
-    the end.
+    the end. Its energies are added to `sums`.
     """
     algebra = for_dimension(sides.dim, sides.components)
     row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
-    commit = law.commit
+    commit, energies = law.commit, len(law.energies)
 
     @njit(**MERGED)
-    def end(i, jump0, mean, u, p, step, theta):
-        jump1 = add(jump0, scale(step, mean))
+    def end(i, jump0, mean, u, p, step, theta, sums):
+        jump1, r = add(jump0, scale(step, mean)), row(p.impulse, i)
         p.status[i] = commit(
-            i, jump0, jump1, u, row(p.impulse, i), p.area[i], step, theta, p.parameters,
+            i, jump0, jump1, u, r, p.area[i], step, theta, p.parameters,
             p.state, p.terms, p.details, p.energy,
         )  # fmt: skip
         set_row(p.jump, i, jump1)
         set_row(p.velocity, i, u)
+        set_row(p.committed, i, r)
+        for j in range(energies):
+            sums[j] += p.energy[i, j]
 
     return end
 
 
 @cache
 def step_loops(law: LawKernels, sides: Sides):
-    """The loops of a law's `prepare` and `commit` over ranges of the points p, `PointArrays`."""
+    """The loops of a law's `prepare` and `commit` over ranges of the points p, `PointArrays`.
+
+    The second goes over ranges of chunks, which have a row each in `sums`, for each of the law's
+    energies (J; 2D: J/m).
+    """
     read = point_velocity(sides)
     algebra = for_dimension(sides.dim, sides.components)
-    row, add, scale = algebra.row, algebra.add, algebra.scale
+    row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
     prepare, end, energies = law.prepare, ending(law, sides), len(law.energies)
     may_rest = law.rigid is not None and law.rigid.rests is not None
     rests = law.rigid.rests if may_rest else None
@@ -57,16 +69,21 @@ def step_loops(law: LawKernels, sides: Sides):
             )  # fmt: skip
 
     @njit(nogil=True, **LEAN_ENTRY)
-    def commit_range(first, last, v, c, p, step, theta):
-        for i in range(first, last):
-            if may_rest and rests(i, p.details):  # nothing moves on
-                p.status[i] = 1
-                for j in range(energies):
-                    p.energy[i, j] = 0.0
-                continue
-            jump0, u = row(p.jump, i), read(v, c, np.uintp(i))
-            mean = add(scale(theta, u), scale(1.0 - theta, row(p.velocity, i)))
-            end(i, jump0, mean, u, p, step, theta)
+    def commit_range(first, last, v, c, p, step, theta, sums):
+        count = len(p.area)
+        for chunk in range(first, last):
+            for number in range(chunk * CHUNK, min((chunk + 1) * CHUNK, count)):
+                i = np.uintp(number)
+                prefetch(v, np.uintp(c.start[min(number + _AHEAD, count - 1), 0, 0]))
+                if may_rest and rests(i, p.details):  # nothing moves on
+                    p.status[i] = 1
+                    set_row(p.committed, i, row(p.impulse, i))
+                    for j in range(energies):
+                        p.energy[i, j] = 0.0
+                    continue
+                jump0, u = row(p.jump, i), read(v, c, i)
+                mean = add(scale(theta, u), scale(1.0 - theta, row(p.velocity, i)))
+                end(i, jump0, mean, u, p, step, theta, sums[chunk])
 
     return prepare_range, commit_range
 

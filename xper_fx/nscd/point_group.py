@@ -24,6 +24,7 @@ class PointArrays(NamedTuple):
     jump: np.ndarray
     velocity: np.ndarray
     impulse: np.ndarray
+    committed: np.ndarray
     compliance: np.ndarray
     area: np.ndarray
     parameters: np.ndarray
@@ -81,8 +82,9 @@ class PointGroup:
     def law_arrays(self) -> PointArrays:
         """The arrays as kernels of the law take them."""
         return PointArrays(
-            self.jump, self.velocity, self.impulse, self.compliance, self.points.area,
-            self.parameters, self.state, self.terms, self.details, self.energy, self.status,
+            self.jump, self.velocity, self.impulse, self.committed_impulse, self.compliance,
+            self.points.area, self.parameters, self.state, self.terms, self.details, self.energy,
+            self.status,
         )  # fmt: skip
 
     def unbonded(self) -> np.ndarray:

@@ -14,12 +14,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from xper_fx.cache import njit
 from xper_fx.nscd.couplings import push_kernel, spread_kernel
 from xper_fx.nscd.found_contacts import FoundContacts
-from xper_fx.nscd.kernel_options import LEAN_ENTRY
-from xper_fx.nscd.law_loops import evolve_loop, step_loops
-from xper_fx.nscd.laws.law import NUMERICAL, LawKernels
+from xper_fx.nscd.law_loops import CHUNK, evolve_loop, step_loops
+from xper_fx.nscd.laws.law import IMPACT, NUMERICAL, LawKernels
 from xper_fx.nscd.own_compliance import update_compliance, update_diagonal
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.point_values import PointValues
@@ -70,21 +68,6 @@ class StepWork(NamedTuple):
     impact: float
     numerical: float
     viscous: float = 0.0
-
-
-@njit(**LEAN_ENTRY)
-def _end(impulse, committed, energy, columns, sums, totals):
-    """Impulses become those of the last step; energies are added up, each to its place.
-
-    `sums` are zeros, as many as `columns`.
-    """
-    for i in range(len(impulse)):
-        for d in range(impulse.shape[1]):
-            committed[i, d] = impulse[i, d]
-        for j in range(len(columns)):
-            sums[j] += energy[i, j]
-    for j in range(len(columns)):
-        totals[columns[j]] += sums[j]
 
 
 @cache
@@ -298,23 +281,29 @@ class SteppedPoints(PointValues):
         """
         return self.total(self._of_cell)
 
+    @property
+    def step_ratio(self) -> float:
+        """Size of the step over that of the last, as impulses of the same forces have it."""
+        return self.step_size / self.committed_step if self.committed_step > 0.0 else 1.0
+
     def begin_step(self, step: float, theta: float, by_vertex: bool = False) -> None:
         """Set the constants of the step in every law; impulses start from the last step's.
 
         Args:
             step: h (s).
             theta: weight of the end of the step.
-            by_vertex: whether the solver sets those of permanent points, as it goes through their
-                vertices (`Solver.prepares_bonds`).
+            by_vertex: whether permanent points are left to a solver that goes through vertices, and
+                does so there.
         """
-        ratio = step / self.committed_step if self.committed_step > 0.0 else 1.0
-        for g in self.groups:
-            np.multiply(g.committed_impulse, ratio, out=g.impulse)
         self.step_size, self.theta = step, theta
         if self.turns:  # it is that of frames of a step before, which a restarted run does not know
             self._stiffness = None
-        for g in self.groups[len(self._permanent.groups) if by_vertex else 0 :]:
-            self.prepare_group(g)
+        left_to_solver = len(self._permanent.groups) if by_vertex else 0
+        for number, g in enumerate(self.groups):
+            if number >= left_to_solver or self.fused is not None:
+                np.multiply(g.committed_impulse, self.step_ratio, out=g.impulse)
+            if number >= left_to_solver:
+                self.prepare_group(g)
 
     def prepare(self) -> None:
         """Renew the laws' constants of the step, after `update_inverse`."""
@@ -379,6 +368,11 @@ class SteppedPoints(PointValues):
         return total
 
     @property
+    def permanent(self) -> list[PointGroup]:
+        """The groups of permanent points."""
+        return self._permanent.groups
+
+    @property
     def joints(self) -> list[PointGroup]:
         """The groups of the rows of joints, of those that were given last."""
         return self._carried.groups
@@ -434,16 +428,13 @@ class SteppedPoints(PointValues):
             before = None
             if self.theta > 0.5 and not static and g.turning is None:
                 before = _before_percussions(g)
-            given = len(g), velocity, g.couplings, g.law_arrays(), self.step_size, self.theta
-            if g.turning is None:
-                in_ranges(step_loops(g.kernels, g.sides)[1], *given)
-            else:
-                totals[NUMERICAL] += self._commit_turned(g, given)
+            *energies, of_turning = self._commit_group(g, velocity)
+            totals[_places(g.kernels.energies)] += energies
+            totals[NUMERICAL] += of_turning
             if before is not None:
-                totals[percussions] += _take_percussions(g, *before, self.theta)
-            places = _places(g.kernels.energies)
-            sums = np.zeros(len(places))
-            _end(g.impulse, g.committed_impulse, g.energy, places, sums, totals)
+                lost = _take_percussions(g, *before, self.theta)
+                totals[percussions] += lost
+                totals[IMPACT] += lost
         self.committed_step = self.step_size
         if self.renewals:
             self._found.commit()
@@ -452,20 +443,28 @@ class SteppedPoints(PointValues):
         *work, self.from_scheme = self.total(totals).tolist()
         return StepWork(*work)
 
-    def _commit_turned(self, group: PointGroup, given: tuple) -> float:
-        """As a law's `commit`; returns what turning adds to the numerical energy (J; 2D: J/m)."""
-        from xper_fx.nscd.turning_frames import commit_loop
+    def _commit_group(self, g: PointGroup, velocity: np.ndarray) -> np.ndarray:
+        """As a law's `commit`; returns its energies and what turning adds to the numerical one."""
+        if g.turning is None:
+            commit, turned = step_loops(g.kernels, g.sides)[1], ()
+        else:
+            from xper_fx.nscd.turning_frames import commit_loop
 
-        commit = commit_loop(group.kernels, group.sides, group.turning.width)
-        spin = _share_of_spin(self.theta)
-        return math.fsum(in_ranges(commit, *given, group.turning, self._motion, spin))
+            commit = commit_loop(g.kernels, g.sides, g.turning.width)
+            turned = g.turning, self._motion, _share_of_spin(self.theta)
+        sums = np.zeros((-(-len(g) // CHUNK), len(g.kernels.energies) + 1))
+        in_ranges(
+            commit, len(sums), velocity, g.couplings, g.law_arrays(), self.step_size, self.theta,
+            *turned, spaces=[sums] * num_ranges(len(g)),
+        )  # fmt: skip
+        return sums.sum(axis=0)
 
     def _work_of_change(self, group: PointGroup, velocity: np.ndarray) -> float:
         """Half the work (J; 2D: J/m) in a static step of what tractions have changed by.
 
         Where frames turn, the work of the couples at the end is not in it.
         """
-        ratio = self.step_size / self.committed_step if self.committed_step > 0.0 else 1.0
+        ratio = self.step_ratio
         rate = group.points.relative(velocity.reshape(-1, self.dim))
         if group.turning is None:
             return 0.5 * float(np.vdot(group.impulse - ratio * group.committed_impulse, rate))

@@ -60,7 +60,7 @@ from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.couplings import Sides, point_velocity, prefetch
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, MERGED
-from xper_fx.nscd.law_loops import ending
+from xper_fx.nscd.law_loops import CHUNK, ending
 from xper_fx.nscd.laws.law import STORED, LawKernels
 from xper_fx.nscd.lip_kernels import lip_kernels
 from xper_fx.nscd.lips import Lips, start_frames
@@ -401,11 +401,12 @@ def _gained(law: LawKernels):
 
 @cache
 def commit_loop(law: LawKernels, sides: Sides, width: int):
-    """The loop over a range of points p, `PointArrays`, that ends a step.
+    """The loop over a range of chunks of points p, `PointArrays`, that ends a step.
 
     Of points of the second kind jumps and velocities of the start come to be without the spin that
-    laws were given, and the spin is that of the velocities `v` found. It returns what these add to
-    the numerical energy less what their couples worked against it (J; 2D: J/m).
+    laws were given, and the spin is that of the velocities `v` found. The last column of `sums` has
+    what these add to the numerical energy less what their couples worked against it, the others
+    the law's energies (J; 2D: J/m).
     """
     dim, components = sides[:2]
     own, world = for_dimension(dim, components), for_dimension(dim)
@@ -418,7 +419,7 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
     spin_of, local = lips.spin, lips.local
     turn_at, add_world, scale_world = lips.turn_at, world.add, world.scale
     read = point_velocity(sides)
-    end_step, gained = ending(law, sides), _gained(law)
+    end_step, gained, energies = ending(law, sides), _gained(law), len(law.energies)
     turns, num_arms = (1, 1) if dim == 2 else (3, 4)
 
     @njit(inline="always")
@@ -449,55 +450,58 @@ def commit_loop(law: LawKernels, sides: Sides, width: int):
                 prefetch(v, np.uintp(dim * nodes[site, s, j]))
 
     @njit(nogil=True, **LEAN_ENTRY)
-    def commit_range(first, last, v, c, p, step, theta, turning, motion, inverse):
-        nodes, gradient, booked, known = turning.nodes, turning.gradient, 0.0, first
-        for number in range(first, last):
-            if number == known:
-                known = min(known + _AT_A_TIME, last)
-                for other in range(number, known):
-                    if turning.by_spin[other]:
-                        fetch(turning, np.uintp(other))
-                for other in range(number, known):
-                    if turning.by_spin[other]:
-                        fetch_nodes(v, nodes, np.uintp(turning.site[other]))
-            i = np.uintp(number)
-            jump0, start, u = row(p.jump, i), row(p.velocity, i), read(v, c, i)
-            by_spin = turning.by_spin[i]
-            if by_spin:
-                site = np.uintp(turning.site[i])
-                d, omega = row_world(turning.jump, i), turn_at(turning.omega, site)
-                start = add(start, scale(inverse, own_part(turned(omega, d))))
-            mean = add(scale(theta, u), scale(1.0 - theta, start))
-            spin = scale(0.0, jump0)
-            if by_spin and inverse == 0.0:
-                d0 = apart(motion.displacement, c, i)
-                there = own_part(local(axes_at(turning.start, site), d0))
-                change = subtract(there, to_local(c.frame, i, d0))
-                spin, jump0 = scale(1.0 / step, change), add(jump0, change)
-            elif by_spin:
-                arms, axes = arms_at(turning.arms, site), axes_at(turning.axes, site)
-                rates = plus(
-                    pushed(motion.rate, turning.tangent, site, 0.0),
-                    1.0,
-                    tangents(v, nodes, gradient, site),
-                )
-                end = spin_of(rates, arms, axes)
-                if motion.starts:  # what is known is that of v0
-                    at_start = omega
-                else:
+    def commit_range(first, last, v, c, p, step, theta, turning, motion, inverse, sums):
+        nodes, gradient = turning.nodes, turning.gradient
+        for chunk in range(first, last):
+            booked = 0.0
+            known, end_of_chunk = chunk * CHUNK, min((chunk + 1) * CHUNK, len(p.area))
+            for number in range(known, end_of_chunk):
+                if number == known:
+                    known = min(known + _AT_A_TIME, end_of_chunk)
+                    for other in range(number, known):
+                        if turning.by_spin[other]:
+                            fetch(turning, np.uintp(other))
+                    for other in range(number, known):
+                        if turning.by_spin[other]:
+                            fetch_nodes(v, nodes, np.uintp(turning.site[other]))
+                i = np.uintp(number)
+                jump0, start, u = row(p.jump, i), row(p.velocity, i), read(v, c, i)
+                by_spin = turning.by_spin[i]
+                if by_spin:
+                    site = np.uintp(turning.site[i])
+                    d, omega = row_world(turning.jump, i), turn_at(turning.omega, site)
+                    start = add(start, scale(inverse, own_part(turned(omega, d))))
+                mean = add(scale(theta, u), scale(1.0 - theta, start))
+                spin = scale(0.0, jump0)
+                if by_spin and inverse == 0.0:
+                    d0 = apart(motion.displacement, c, i)
+                    there = own_part(local(axes_at(turning.start, site), d0))
+                    change = subtract(there, to_local(c.frame, i, d0))
+                    spin, jump0 = scale(1.0 / step, change), add(jump0, change)
+                elif by_spin:
+                    arms, axes = arms_at(turning.arms, site), axes_at(turning.axes, site)
                     rates = plus(
                         pushed(motion.rate, turning.tangent, site, 0.0),
                         1.0,
-                        tangents(motion.velocity, nodes, gradient, site),
+                        tangents(v, nodes, gradient, site),
                     )
-                    at_start = spin_of(rates, arms, axes)
-                spin = own_part(turned(mixed(theta, end, at_start), d))
-            if by_spin:
-                booked -= dot(row(p.impulse, i), spin)
-                booked -= gained(i, jump0, p.area[i], p.parameters, p.state, p.energy)
-                mean = subtract(mean, spin)
-            end_step(i, jump0, mean, u, p, step, theta)
-        return booked
+                    end = spin_of(rates, arms, axes)
+                    if motion.starts:  # what is known is that of v0
+                        at_start = omega
+                    else:
+                        rates = plus(
+                            pushed(motion.rate, turning.tangent, site, 0.0),
+                            1.0,
+                            tangents(motion.velocity, nodes, gradient, site),
+                        )
+                        at_start = spin_of(rates, arms, axes)
+                    spin = own_part(turned(mixed(theta, end, at_start), d))
+                if by_spin:
+                    booked -= dot(row(p.impulse, i), spin)
+                    booked -= gained(i, jump0, p.area[i], p.parameters, p.state, p.energy)
+                    mean = subtract(mean, spin)
+                end_step(i, jump0, mean, u, p, step, theta, sums[chunk])
+            sums[chunk, energies] += booked
 
     return commit_range
 

@@ -64,21 +64,30 @@ class StoredRows:
     def __getitem__(self, key: np.ndarray | tuple) -> np.ndarray:
         number, *rest = key if isinstance(key, tuple) else (key,)
         order = np.argsort(number, kind="stable")
-        wanted, found = number[order], []
-        for first, block in self.blocks():
-            low, high = np.searchsorted(wanted, (first, first + len(block)))
-            found.append(block[wanted[low:high] - first])
-        values = np.empty((len(number), *block.shape[1:]), block.dtype)
-        values[order] = np.concatenate(found)
+        wanted = number[order]
+        with h5py.File(self._path, "r", locking=False) as h5:
+            data = h5[self._name]
+            values = np.empty((len(number), *data.shape[1:]), data.dtype)
+            for first, last in _ranges(data):
+                low, high = np.searchsorted(wanted, (first, last))
+                if low < high:  # of a block no more is read than from the first to the last
+                    least, most = wanted[low], wanted[high - 1]
+                    values[order[low:high]] = data[least : most + 1][wanted[low:high] - least]
         return values[(slice(None), *rest)]
 
     def blocks(self) -> Iterator[tuple[int, np.ndarray]]:
         """Number of the first row of each block, and the block; an empty one where are no rows."""
         with h5py.File(self._path, "r", locking=False) as h5:
             data = h5[self._name]
-            a_block = _rows_of_a_block(np.empty((0, *data.shape[1:]), data.dtype))
-            for first in range(0, max(len(data), 1), a_block):
-                yield first, data[first : first + a_block]
+            for first, last in _ranges(data):
+                yield first, data[first:last]
+
+
+def _ranges(data: h5py.Dataset) -> Iterator[tuple[int, int]]:
+    """First row of each block, and the one after the last; an empty one where are no rows."""
+    a_block = _rows_of_a_block(np.empty((0, *data.shape[1:]), data.dtype))
+    for first in range(0, max(len(data), 1), a_block):
+        yield first, first + a_block
 
 
 def _rows_of_a_block(values: np.ndarray) -> int:

@@ -19,7 +19,7 @@ from scipy.sparse import coo_array
 from xper_fx.parallel.ownership import owners_of_pairs
 
 # Of SCOTCH's strategies the one for small cuts, and the share by which parts may differ.
-_QUALITY, _IMBALANCE = 1, 0.02
+_QUALITY, _IMBALANCE = 1, 0.01
 
 
 def partition_bodies(

@@ -18,6 +18,7 @@ from xper_fx.simulation.course import Course
 from xper_fx.simulation.explicit_start import leave_explicit
 from xper_fx.simulation.model import Model
 from xper_fx.simulation.readings import Readings
+from xper_fx.simulation.solver_memory import restore_memory, saved_memory
 from xper_fx.support.errors import CheckpointError
 from xper_fx.support.ranks import ALONE, Ranks
 from xper_fx.support.saved_rows import Rows
@@ -109,7 +110,7 @@ class Restartable(Readings):
         if self._rigid_reactions is not None:
             saved["rigid_reactions"] = self._rigid_reactions
         if model.interactions is not None:
-            saved["solvers"] = _solver_memories(self)
+            saved["solvers"] = saved_memory(self.solver, model.interactions, model.ranks)
         if model.balance is not None and model.balance.is_pending:
             del saved["solvers"]  # they are of the partition that there was
         return saved
@@ -236,8 +237,7 @@ class Restartable(Readings):
             inverse = model.scheme.inverse(interactions.step_size, self.state.displacement)
             if interactions.bulk_inverse is not inverse.blocks:
                 interactions.update_inverse(inverse.blocks)
-        own = f"{model.ranks.rank} of {model.ranks.size}"
-        self.solver.restore(interactions, saved.get("solvers", {}).get(own, {}))
+        restore_memory(self.solver, interactions, model.ranks, saved.get("solvers", {}))
 
     def _divided_as(self, saved: Mapping) -> Model:
         """The model, made again if `saved` is of one whose bodies were on other ranks."""
@@ -277,13 +277,6 @@ def _forces_and_motion(state: State, by_cell: Callable) -> dict:
     vectors = {n: by_cell(getattr(state, n)) for n in ("displacement", "velocity", "internal")}
     external = state.external
     return vectors | {"external": by_cell(external) if np.ndim(external) else float(external)}
-
-
-def _solver_memories(simulation: Restartable) -> dict[str, dict]:
-    """What the solver keeps from step to step, by rank: it stands in the order of its points."""
-    ranks, memory = simulation.model.ranks, simulation.solver.saved(simulation.model.interactions)
-    memories = [memory] if ranks.alone else ranks.comm.allgather(memory)
-    return {f"{rank} of {len(memories)}": held for rank, held in enumerate(memories)}
 
 
 def _parts(simulation: Restartable) -> list[tuple[str, object]]:

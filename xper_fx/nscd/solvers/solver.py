@@ -86,11 +86,9 @@ class Solver:
 
     Attributes:
         name: by which users ask for it.
-        prepares_bonds: whether it sets the constants of the step of permanent points itself.
     """
 
     name: ClassVar[str] = "own"
-    prepares_bonds: ClassVar[bool] = False
 
     def solve(
         self, interactions: Interactions, velocity: np.ndarray, options: SolveOptions

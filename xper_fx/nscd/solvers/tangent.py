@@ -52,6 +52,7 @@ from xper_fx.cache import njit
 from xper_fx.nscd.algebra.krylov import gmres, norm, orthomin
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.couplings import (
+    LINE,
     Sides,
     lever_arm_kernels,
     point_force,
@@ -84,9 +85,9 @@ _RIGID = 6000
 DIRECT, MANY = {2: 40_000, 3: 12_000}, 40
 # Pivot, relative to the largest entry, at which a block counts as singular.
 _SINGULAR = 1e-13
-# Entries of blocks that stay in the cache while they are made; how far ahead of their use they are
-# fetched, as sweeps wait for memory else; and entries of a line of the cache.
-_IN_CACHE, _AHEAD, _LINE = 50_000, np.uintp(1024), np.uintp(8)
+# Entries of blocks that stay in the cache while they are made, and how far ahead of their use they
+# are fetched, as sweeps wait for memory else.
+_IN_CACHE, _AHEAD = 50_000, np.uintp(1024)
 
 _KERNEL = njit(fastmath={"contract"}, nogil=True, **LEAN_ENTRY)
 
@@ -580,7 +581,7 @@ def _cluster_sweep(dim: int):
             for j in range(n):
                 factor = left[j]
                 prefetch(blocks, line + _AHEAD)
-                prefetch(blocks, line + _AHEAD + _LINE)
+                prefetch(blocks, line + _AHEAD + LINE)
                 for i in range(n):
                     found[i] += factor * blocks[line + i]
                 line += n

@@ -39,7 +39,15 @@ import numpy as np
 
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
-from xper_fx.nscd.couplings import Blocks, Couplings, Sides, point_impulse, point_velocity
+from xper_fx.nscd.couplings import (
+    LINE,
+    Blocks,
+    Couplings,
+    Sides,
+    point_impulse,
+    point_velocity,
+    prefetch,
+)
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER, MERGED
 from xper_fx.nscd.laws.law import LawKernels
@@ -124,6 +132,12 @@ def _frame(group: PointGroup, unknowns: int) -> np.ndarray:
 
         frame = start_frames(group.turning.tangent[group.turning.site], frame.shape[1])
     return frame_from_normal(frame[:, 0]) if frame.shape[1] < unknowns == 3 else frame
+
+
+@njit(inline="always")
+def points_of(tiles, b):
+    """A vertex's points of a group; unsigned, as a signed index is checked for being negative."""
+    return range(np.uintp(tiles[b]), np.uintp(tiles[b + 1]))
 
 
 @njit
@@ -257,7 +271,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
     add_world, scale_world = world.add, world.scale
     sides = Sides(dim, components, 1)
     read, push = point_velocity(sides), point_impulse(sides, Blocks(dim, aligned=True))
-    solve = law.solve
+    solve, prepare = law.solve, law.prepare
     kernel = _MERGED if alone else _KERNEL
     turns = turns and components == dim
     to_start, to_now = algebra.to_local, algebra.to_global
@@ -291,26 +305,44 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
         total = add(scale(tilt[p, x, 0], slopes[0]), scale(tilt[p, x, 1], slopes[1]))
         return add(total, scale(tilt[p, x, 2], slopes[2]))
 
+    @njit(**MERGED)
+    def answer(i, u, r, p):
+        return solve(i, u, r, p.compliance, p.parameters, p.terms, p.details)
+
+    # A call costs as much as it passes: only the arrays needed, not all of the group's.
     @_KERNEL
-    def answer(i, u, r, w_points, parameters, terms, details):
+    def impulse(i, u, r, w_points, parameters, terms, details):
         new, _ = solve(i, u, r, w_points, parameters, terms, details)
         return new
 
     @kernel
-    def warm_start(b, v, blocks, position, group):
-        tiles, c, r = group[0], group[1], group[2]
-        for i in range(tiles[b], tiles[b + 1]):
-            push(v, c, i, row(r, i))
-        return position + tiles[b + 1] - tiles[b]
+    def begin(b, v, group, ratio, step, theta):
+        """Constants of the step; impulses start from the last step's."""
+        tiles, c, p = group[0], group[1], group[2]
+        for i in points_of(tiles, b):
+            prepare(
+                i, row(p.jump, i), row(p.velocity, i), p.compliance, p.area[i], step, theta,
+                p.parameters, p.state, p.terms, p.details,
+            )  # fmt: skip
+            r = scale(ratio, row(p.committed, i))
+            set_row(p.impulse, i, r)
+            push(v, c, i, r)
+
+    @kernel
+    def act(b, v, group):
+        """All impulses act on the velocities."""
+        tiles, c, p = group[0], group[1], group[2]
+        for i in points_of(tiles, b):
+            push(v, c, i, row(p.impulse, i))
 
     @kernel
     def evaluate(b, v, blocks, position, group):
         """residual = S(b) - r."""
-        tiles, c, r, inverse_area, w_points, parameters, terms, details = group
+        tiles, c, p, inverse_area = group
         changed, total, largest = 0.0, 0.0, 0.0
-        for i in range(tiles[b], tiles[b + 1]):
-            old = row(r, i)
-            new, _ = solve(i, read(v, c, i), old, w_points, parameters, terms, details)
+        for i in points_of(tiles, b):
+            old = row(p.impulse, i)
+            new, _ = answer(i, read(v, c, i), old, p)
             change = subtract(new, old)
             set_row(blocks.residual, position, change)
             for x in range(components, unknowns):  # what a point of another law has left there
@@ -326,7 +358,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
     def tilt(b, blocks, position, known, vertex, group):
         """How the points have turned beside their vertex; `vertex` is its own turn, once known."""
         tiles, c = group[0], group[1]
-        for i in range(tiles[b], tiles[b + 1]):
+        for i in points_of(tiles, b):
             if turns:
                 p = blocks.offsets[b] + position
                 if not known:
@@ -339,7 +371,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
     def turn(b, blocks, position, group):
         """Residuals go over to the frames of the start."""
         tiles = group[0]
-        for _ in range(tiles[b], tiles[b + 1]):
+        for _ in points_of(tiles, b):
             if turns:
                 change = row(blocks.residual, position)
                 set_row(blocks.residual, position, to_start(blocks.tilt, position, change))
@@ -348,17 +380,17 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
 
     @kernel
     def sweep(b, v, blocks, position, group, relax):
-        tiles, c, r, inverse_area, w_points, parameters, terms, details = group
+        tiles, c, p, inverse_area = group
         changed, total, largest = 0.0, 0.0, 0.0
-        for i in range(tiles[b], tiles[b + 1]):
-            old = row(r, i)
-            new, smooth = solve(i, read(v, c, i), old, w_points, parameters, terms, details)
+        for i in points_of(tiles, b):
+            old = row(p.impulse, i)
+            new, smooth = answer(i, read(v, c, i), old, p)
             change = subtract(new, old)
             size = dot(change, change)
             if smooth:
                 change = scale(relax, change)
                 new = add(old, change)
-            set_row(r, i, new)
+            set_row(p.impulse, i, new)
             push(v, c, i, change)
             changed += size
             total += dot(new, new)
@@ -367,12 +399,12 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
 
     @kernel
     def correct(b, v, blocks, position, group):
-        tiles, c, r = group[0], group[1], group[2]
-        for i in range(tiles[b], tiles[b + 1]):
+        tiles, c, p = group[0], group[1], group[2]
+        for i in points_of(tiles, b):
             change = row(blocks.correction, position)
             if turns:
                 change = without_rounding(to_now(blocks.tilt, position, change))
-            set_row(r, i, add(row(r, i), change))
+            set_row(p.impulse, i, add(row(p.impulse, i), change))
             push(v, c, i, change)
             position += 1
         return position
@@ -411,26 +443,23 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
         )
 
     @njit(inline="always")
-    def slopes_of(i, u, r, w_points, parameters, terms, details, reach):
+    def slopes_of(i, u, r, p, reach):
         """Columns of T by differences."""
-        factor = _REGULAR / reach
-        base = answer(i, u, r, w_points, parameters, terms, details)
-        x = answer(i, add(u, unit(0, reach)), r, w_points, parameters, terms, details)
-        x = scale(factor, subtract(x, base))
+        law, factor = (p.compliance, p.parameters, p.terms, p.details), _REGULAR / reach
+        base = impulse(i, u, r, *law)
+        x = scale(factor, subtract(impulse(i, add(u, unit(0, reach)), r, *law), base))
         if components == 1:
             return (x,)
-        y = answer(i, add(u, unit(1, reach)), r, w_points, parameters, terms, details)
-        y = scale(factor, subtract(y, base))
+        y = scale(factor, subtract(impulse(i, add(u, unit(1, reach)), r, *law), base))
         if components == 2:
             return x, y
-        z = answer(i, add(u, unit(2, reach)), r, w_points, parameters, terms, details)
-        return x, y, scale(factor, subtract(z, base))
+        z = scale(factor, subtract(impulse(i, add(u, unit(2, reach)), r, *law), base))
+        return x, y, z
 
     @njit(inline="always")
     def changed(slope, point, slopes, z, x):
         return slopes[z][x] - slope[point, z, x]
 
-    # A call costs as much as it passes: only the arrays needed, not all of the group's.
     @_KERNEL
     def update(y, start, lines, slope, point, n, own, slopes):
         """Y for a new slope of one point, given the rows g Y of W - diag W in `lines`.
@@ -466,14 +495,14 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
     @_KERNEL
     def renew(b, v, blocks, position, group, reach, threshold):
         """Take new slopes where the residual is above the threshold; the inverse follows."""
-        tiles, c, r, inverse_area, w_points, parameters, terms, details = group
+        tiles, c, p = group[0], group[1], group[2]
         y, start, lines = blocks.inverse, blocks.inverse_offsets[b], blocks.lines
         low, high = blocks.offsets[b], blocks.offsets[b + 1]
         n = (high - low) * unknowns
-        for i in range(tiles[b], tiles[b + 1]):
+        for i in points_of(tiles, b):
             residual = row(blocks.residual, position)
             if dot(residual, residual) > threshold:
-                u, old = read(v, c, i), row(r, i)
+                u, old = read(v, c, i), row(p.impulse, i)
                 for j in range(components * n):
                     lines[j] = 0.0
                 point = low + position
@@ -495,7 +524,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
                                     + g[1] * y[source + n + j]
                                     + g[2] * y[source + 2 * n + j]
                                 )
-                slopes = slopes_of(i, u, old, w_points, parameters, terms, details, reach)
+                slopes = slopes_of(i, u, old, p, reach)
                 if turns:
                     slopes = slopes_at_start(blocks.tilt, position, slopes)
                 update(y, start, lines, blocks.slope, point, n, position * unknowns, slopes)
@@ -509,14 +538,15 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
         """Internal variables follow; their largest relative change."""
         largest = 0.0
         if evolve_point is not None:
-            tiles, c, r, inverse_area, w_points, parameters, terms, details = group
-            for i in range(tiles[b], tiles[b + 1]):
-                largest = max(
-                    largest, evolve_point(i, read(v, c, i), w_points, parameters, terms, details)
+            tiles, c, p = group[0], group[1], group[2]
+            for i in points_of(tiles, b):
+                change = evolve_point(
+                    i, read(v, c, i), p.compliance, p.parameters, p.terms, p.details
                 )
+                largest = max(largest, change)
         return largest
 
-    return warm_start, evaluate, tilt, turn, sweep, correct, renew, evolve
+    return begin, act, evaluate, tilt, turn, sweep, correct, renew, evolve
 
 
 @cache
@@ -524,17 +554,22 @@ def _chain(laws: tuple[LawKernels, ...], dim: int, unknowns: int, alone: bool, t
     """The kernels over all the laws of a vertex, one after the other."""
     kernel = _MERGED if alone else _KERNEL
     kernels = _group_kernels(laws[0], dim, unknowns, alone, turns)
-    warm, evaluate, tilt, turn, sweep, correct, renew, evolve = kernels
+    begin, act, evaluate, tilt, turn, sweep, correct, renew, evolve = kernels
     last = len(laws) == 1
     rest = kernels if last else _chain(laws[1:], dim, unknowns, alone, turns)
-    warm_2, evaluate_2, tilt_2, turn_2, sweep_2, correct_2, renew_2, evolve_2 = rest
+    begin_2, act_2, evaluate_2, tilt_2, turn_2, sweep_2, correct_2, renew_2, evolve_2 = rest
 
     @kernel
-    def warm_all(b, v, blocks, position, groups):
-        position = warm(b, v, blocks, position, groups[0])
+    def begin_all(b, v, groups, ratio, step, theta):
+        begin(b, v, groups[0], ratio, step, theta)
         if not last:
-            position = warm_2(b, v, blocks, position, groups[1:])
-        return position
+            begin_2(b, v, groups[1:], ratio, step, theta)
+
+    @kernel
+    def act_all(b, v, groups):
+        act(b, v, groups[0])
+        if not last:
+            act_2(b, v, groups[1:])
 
     @kernel
     def evaluate_all(b, v, blocks, position, groups):
@@ -588,55 +623,72 @@ def _chain(laws: tuple[LawKernels, ...], dim: int, unknowns: int, alone: bool, t
         return largest
 
     return (
-        warm_all, evaluate_all, tilt_all, turn_all, sweep_all, correct_all, renew_all, evolve_all
+        begin_all, act_all, evaluate_all, tilt_all, turn_all, sweep_all, correct_all, renew_all,
+        evolve_all,
     )  # fmt: skip
 
 
 @cache
 def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: bool):
-    """A range of vertices: `solve(first, last, v, groups, tolerance, ..., speed, blocks)`.
+    """A range of vertices: `solve(first, last, v, groups, ratio, ..., speed, blocks)`.
 
     `v` are the free velocities at first, and `blocks.free` a copy of them. Returns the most sweeps
     of a vertex, the largest squared relative error and change of a traction, and how many vertices
     have not converged.
     """
     algebra = for_dimension(dim, unknowns)
-    row, set_row, dot, scale = algebra.row, algebra.set_row, algebra.dot, algebra.scale
+    row, set_row, dot, add = algebra.row, algebra.set_row, algebra.dot, algebra.add
     chained = _chain(laws, dim, unknowns, len(laws) == 1, turns)
-    warm_all, evaluate_all, tilt_all, turn_all = chained[:4]
-    sweep_all, correct_all, renew_all, evolve_all = chained[4:]
+    begin_all, act_all, evaluate_all, tilt_all, turn_all = chained[:5]
+    sweep_all, correct_all, renew_all, evolve_all = chained[5:]
     not_turned = _turn_kernels(dim).none
+
+    none, ones = (0.0,) * unknowns, (1.0,) * unknowns
+
+    @njit(inline="always")
+    def products(a, at, x):
+        """Entries of a row of the inverse times those of a point's residual, one by one."""
+        if unknowns == 1:
+            return (a[at] * x[0],)
+        if unknowns == 2:
+            return a[at] * x[0], a[at + np.uintp(1)] * x[1]
+        return a[at] * x[0], a[at + np.uintp(1)] * x[1], a[at + np.uintp(2)] * x[2]
 
     @njit(inline="always")
     def multiply(blocks, b):
         """correction = inverse residual; returns its square."""
-        points = blocks.offsets[b + 1] - blocks.offsets[b]
-        n = points * unknowns
-        a, line = blocks.inverse, blocks.inverse_offsets[b]
-        size = 0.0
+        a, line = blocks.inverse, np.uintp(blocks.inverse_offsets[b])
+        points, width = np.uintp(blocks.offsets[b + 1] - blocks.offsets[b]), np.uintp(unknowns)
+        n, size = points * width, 0.0
         for i in range(points):
-            total = scale(0.0, row(blocks.residual, 0))
+            first = second = third = none
             for j in range(points):
-                x = row(blocks.residual, j)
-                at = line + j * unknowns
-                if unknowns == 1:
-                    total = (total[0] + a[at] * x[0],)
-                elif unknowns == 2:
-                    total = (
-                        total[0] + a[at] * x[0] + a[at + 1] * x[1],
-                        total[1] + a[at + n] * x[0] + a[at + n + 1] * x[1],
-                    )
-                else:
-                    p, q = at + n, at + 2 * n
-                    total = (
-                        total[0] + a[at] * x[0] + a[at + 1] * x[1] + a[at + 2] * x[2],
-                        total[1] + a[p] * x[0] + a[p + 1] * x[1] + a[p + 2] * x[2],
-                        total[2] + a[q] * x[0] + a[q + 1] * x[1] + a[q + 2] * x[2],
-                    )
+                x, at = row(blocks.residual, j), line + j * width
+                first = add(first, products(a, at, x))
+                if unknowns > 1:
+                    second = add(second, products(a, at + n, x))
+                if unknowns > 2:
+                    third = add(third, products(a, at + n + n, x))
+            total = (dot(first, ones),)
+            if unknowns == 2:
+                total = (dot(first, ones), dot(second, ones))
+            elif unknowns == 3:
+                total = (dot(first, ones), dot(second, ones), dot(third, ones))
             set_row(blocks.correction, i, total)
             size += dot(total, total)
-            line += unknowns * n
+            line += n * width
         return size
+
+    @njit(inline="always")
+    def fetch(blocks, w, v, b):
+        """What a vertex will want that does not lie in the order of its points begins to come."""
+        end = np.uintp(blocks.inverse_offsets[b + 1])
+        for line in range(np.uintp(blocks.inverse_offsets[b]), end, LINE):
+            prefetch(blocks.inverse, line)
+        for p in points_of(blocks.offsets, b):
+            node = np.uintp(blocks.start[p, 0])
+            prefetch(w, node * np.uintp(dim))
+            prefetch(v, node)
 
     @_KERNEL
     def reset(blocks, b):
@@ -659,12 +711,11 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
                 first = np.uintp(blocks.start[p, side])
                 for d in range(np.uintp(dim)):
                     v[first + d] = blocks.free[first + d]
-        warm_all(b, v, blocks, 0, groups)
+        act_all(b, v, groups)
 
     @njit(inline="always")
     def solve_vertex(b, v, blocks, groups, tolerance, max_sweeps, relax, speed):
         """Returns sweeps, squared relative error, squared traction change, converged."""
-        warm_all(b, v, blocks, 0, groups)
         # impulses whose effect is within the rounding of the velocities
         floor = (16.0 * np.finfo(np.float64).eps * speed) ** 2 * blocks.rounding[b]
         bound = tolerance * tolerance
@@ -725,9 +776,14 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
         return max_sweeps, changed / max(total, floor, _TINY), largest, False
 
     @njit(fastmath={"contract"}, nogil=True, **LEAN_ENTRY)
-    def solve_range(first, last, v, groups, tolerance, max_sweeps, relax, speed, blocks):
+    def solve_range(
+        first, last, v, groups, ratio, step, theta, tolerance, max_sweeps, relax, speed, blocks
+    ):
         sweeps, residual, traction, failed = 0, 0.0, 0.0, 0
         for b in range(first, last):
+            if b + 1 < last:
+                fetch(blocks, groups[0][1].w, v, b + 1)
+            begin_all(b, v, groups, ratio, step, theta)
             count, error, largest, converged = solve_vertex(
                 b, v, blocks, groups, tolerance, max_sweeps, relax, speed
             )
@@ -762,10 +818,9 @@ class VertexBlocks(Solver):
             self._blocks = build(interactions)
         blocks = self._blocks
         groups = tuple(
-            (g.ordering.tile_offsets, Couplings(*g.couplings[:7]), g.impulse, g.inverse_area,
-             g.compliance, g.parameters, g.terms, g.details)
+            (g.ordering.tile_offsets, Couplings(*g.couplings[:7]), g.law_arrays(), g.inverse_area)
             for g in interactions.groups
-        )  # fmt: skip
+        )
         kernel = _solve_kernel(
             tuple(g.kernels for g in interactions.groups),
             interactions.dim,
@@ -779,10 +834,13 @@ class VertexBlocks(Solver):
             num_vertices,
             velocity,
             groups,
+            interactions.step_ratio,
+            interactions.step_size,
+            interactions.theta,
             options.tolerance,
             options.max_sweeps,
             options.relaxation,
-            max(np.abs(velocity).max(), np.finfo(float).tiny),
+            max(velocity.max(), -velocity.min(), _TINY),
             spaces=[blocks.for_thread(free) for _ in range(threads)],
         )
         sweeps, residual, traction, failed = zip(*found, strict=True)

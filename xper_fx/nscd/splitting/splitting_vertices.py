@@ -40,7 +40,6 @@ class SplittingVertices(Solver):
     """Whole vertices as nodes of finite elements, cracked ones solved each for itself."""
 
     name = "splitting_vertices"
-    prepares_bonds = True
 
     def __init__(self) -> None:
         self._work: VertexWork | None = None
