@@ -51,15 +51,16 @@ def divide(
             should be on one rank.
         rank_of_body: shape (num_bodies,), as they are to be divided; None where that is to be
             found.
-
-    Raises:
-        ValueError: fewer bodies than ranks.
     """
     if bodies.spread is not None:
         return _take(bodies, bodies.spread.rank_of_body, ranks.rank)
     if rank_of_body is None:
-        near = neighbours(bodies) if touching else np.zeros((0, 2), np.int64)
-        rank_of_body = ranks.comm.bcast(bodies_by_rank(bodies, ranks.size, near))
+
+        def found() -> np.ndarray:
+            near = neighbours(bodies) if touching else None
+            return bodies_by_rank(bodies, ranks.size, near)
+
+        rank_of_body = ranks.from_first(found)
     return _take(bodies, rank_of_body, ranks.rank)
 
 

@@ -131,6 +131,10 @@ class Ranks:
                 raise raised
         return given
 
+    def from_first(self, call: Callable[[], Any]) -> Any:
+        """What the first rank finds, on all; what it raises is raised on all."""
+        return self.comm.bcast(self.together(call if self.rank == 0 else lambda: None))
+
     def at_root(self, call: Callable[[], object]) -> None:
         """Let the first rank do something for all; what it raises is raised on all."""
         self.together(call if self.rank == 0 else lambda: None)
