@@ -31,10 +31,10 @@ def folders(tmp_path_factory):
     """Whole runs on one rank and on two; one stopped on two that goes on, on two and on three."""
     base = tmp_path_factory.mktemp("recorded")
     recorded.run(str(base / "one"), 12, restart=False)
-    run(2, {base / "two": 12, base / "stopped": 7})
+    run(2, {base / "two": 12, base / "stopped": 7, base / "explicit": 12, base / "explicit_7": 7})
     shutil.copytree(base / "stopped", base / "again")
     shutil.copytree(base / "stopped", base / "elsewhere")
-    run(2, {base / "again": 12}, "restart")
+    run(2, {base / "again": 12, base / "explicit_7": 12}, "restart")
     run(3, {base / "elsewhere": 12}, "restart")
     return base
 
@@ -89,6 +89,11 @@ def test_as_many_ranks_go_on_to_the_bit(folders):
     whole, again = (series(folders / f / "bulk.xdmf")[2] for f in ("two", "again"))
     assert [t for t, *_ in whole] == [t for t, *_ in again]
     np.testing.assert_array_equal(whole[-1][1]["displacement"], again[-1][1]["displacement"])
+
+
+def test_vertices_go_on_to_the_bit_with_what_was_kept_of_them(folders):
+    histories = [(folders / f / "history.csv").read_bytes() for f in ("explicit_7", "explicit")]
+    assert histories[0] == histories[1]
 
 
 def test_another_number_of_ranks_goes_on_to_the_tolerance(folders):

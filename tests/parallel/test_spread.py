@@ -61,7 +61,7 @@ def test_nothing_is_whole_on_a_rank(folder):
     assert held["spread"].max() <= 1.35 * one
     assert held["dust"].max() <= 1.3 * spread_scenes.held_by_dust(COMM)
     # of a mesh that is whole on each rank the same count finds the whole
-    assert held["divided"].min() > 1.4 * one
+    assert held["divided"].min() > 1.15 * one
 
 
 def test_a_rank_is_told_of_tied_surfaces_what_its_own_may_face(folder):

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Recorded runs of all ranks, one after the other: FOLDER=LAST ... [rigid | cell] [restart].
 
-A signal ends the run into a folder named "signalled", of which one rank alone hears; ties are in
-one whose name says so.
+A signal ends the run into a folder named "signalled", of which one rank alone hears; ties, and an
+explicit bulk, are in those whose names say so.
 """
 
 import signal
 import sys
 
-from meshed_scenes import blocks, tied
+from meshed_scenes import blocks, explicit, tied
 from rigid_bodies import clouds, pressed
 from scenes import LEFT, RIGHT
 
@@ -28,7 +28,9 @@ def run(folder: str, last: int, restart: bool, rigid: str | None = None) -> None
         rigid_division._FEW = 0
         simulation, steps, gauge = RIGID[rigid](), 60, None
     else:
-        scene, options, steps = tied() if "tied" in folder else blocks()
+        named = {"tied": tied, "explicit": explicit}
+        made = next((scene for name, scene in named.items() if name in folder), blocks)
+        scene, options, steps = made()
         simulation, gauge = Simulation(scene, **options), TensileGauge(LEFT, RIGHT, 0, 1.0, 1.0)
     end = steps * simulation.step_size
     recorder = Recorder(

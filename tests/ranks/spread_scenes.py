@@ -94,13 +94,14 @@ def held_by_dust(comm: MPI.Comm) -> float:
 
 
 def held(comm: MPI.Comm) -> float:
-    """Bytes of all arrays that a simulation reaches on this rank, over those of all bodies here."""
+    """Bytes of all arrays on this rank of a simulation and of what it saves, over its bodies."""
     scenes.COMM = comm
     bodies = scenes.box_bodies((1, 1), (24, 24))
     bond = CohesiveZone(2e4, 0.05, xf.fields.Weibull(10.0, 12.0, seed=1))
     scene = xf.Scene(bodies, {1: meshed_scenes.ELASTIC}, default_interaction=bond)
     simulation = Simulation(scene, scheme="explicit")
-    return bytes_held(simulation) / simulation.bodies.num_bodies
+    next(simulation.steps(simulation.step_size))
+    return bytes_held([simulation, simulation.saved()]) / simulation.bodies.num_bodies
 
 
 def told_of_ties(comm: MPI.Comm) -> int:

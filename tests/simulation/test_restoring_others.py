@@ -76,3 +76,19 @@ def test_another_solver_goes_on(material, solvers):
         assert next(simulation.steps(0.1)).step == 3
     scale = np.abs(first.state.velocity).max()
     np.testing.assert_allclose(second.state.velocity, first.state.velocity, atol=1e-6 * scale)
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_a_solver_takes_what_was_kept_of_the_same_visits_alone(same):
+    """Those of other points, or in another order, find the same without what others kept."""
+    saved = after_two_steps(scheme="explicit", material=SMALL).saved_in_order()
+    if not same:
+        saved["solvers"]["visits"] = saved["solvers"]["visits"] + 1
+    simulation = pulled(scheme="explicit", material=SMALL)
+    simulation.restore(saved)
+    assert bool(simulation.solver.kept()) is same
+    going_on = after_two_steps(scheme="explicit", material=SMALL)
+    for one in (going_on, simulation):
+        assert next(one.steps(0.1)).step == 3
+    expected, found = going_on.state.velocity, simulation.state.velocity
+    assert np.abs(found - expected).max() <= (0.0 if same else 1e-6) * np.abs(expected).max()
