@@ -479,8 +479,6 @@ class TestRefusals:
         monkeypatch.setattr(type(mesh), "comm", TwoProcesses())
         for error in (SerialOnlyError, ValueError, NotImplementedError):
             with pytest.raises(error, match="spread over 2 processes"):
-                explode(mesh, lattice=(1.0, 1.0))
-            with pytest.raises(error, match="spread over 2 processes"):
                 partition(mesh, 2)
             with pytest.raises(error, match="spread over 2 processes"):
                 join_meshes([mesh])

@@ -13,7 +13,6 @@ from ufl import Measure, dx
 
 from xper_fx.bodies.explode import explode
 from xper_fx.bodies.meshes import (
-    SerialOnlyError,
     crossed_rectangle,
     facet_cells,
     facet_geometry_nodes,
@@ -291,13 +290,3 @@ def test_gmsh_refuses(gmsh, tmp_path):
     broken.write_text("this is no mesh\n")
     with pytest.raises(ValueError, match=r"broken\.msh"):
         read_gmsh(broken, 2)
-
-
-def test_several_processes():
-    """A communicator of two processes, feigned."""
-
-    class TwoProcesses:
-        size = 2
-
-    with pytest.raises(SerialOnlyError, match="2 processes"):
-        read_gmsh("plate.msh", 2, comm=TwoProcesses())

@@ -341,9 +341,9 @@ def test_facets_that_share_vertices_only_are_refused():
     square = np.array([[0.0, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 1]])
     one, other = [[0, 1, 2], [1, 2, 3]], [[0, 1, 3], [0, 2, 3]]
     right = square + [1.0, 0, 0]
-    match_facets(np.concatenate([square[one], right[one]]), np.eye(3))
+    match_facets(np.concatenate([square[one], right[one]]), np.eye(3), 1e-5)
     with pytest.raises(ValueError, match=r"facet of the cell's boundary at .* has 0 translates"):
-        match_facets(np.concatenate([square[one], right[other]]), np.eye(3))
+        match_facets(np.concatenate([square[one], right[other]]), np.eye(3), 1e-5)
 
 
 def test_pairs_on_their_own():
@@ -351,10 +351,10 @@ def test_pairs_on_their_own():
     lattice = checked_lattice((2.0, 1.0), 2)
     assert np.array_equal(lattice, np.diag([2.0, 1.0]))
     facets = np.array([[[2.0, 0], [2.0, 1]], [[0.0, 1], [0.0, 0]]])
-    pairs = match_facets(facets, lattice)
+    pairs = match_facets(facets, lattice, 1e-5)
     assert pairs.facets.tolist() == [[0, 1]]
     assert pairs.translation == pytest.approx(np.array([[-2.0, 0.0]]))
-    assert len(match_facets(np.zeros((0, 2, 2)), lattice).facets) == 0
+    assert len(match_facets(np.zeros((0, 2, 2)), lattice, 1e-5).facets) == 0
     check_volume(2.0, lattice, voids=False)
     check_volume(1.0, lattice, voids=True)
     with pytest.raises(ValueError, match="fill 2.1 of the 2"):

@@ -12,7 +12,7 @@ from scipy.spatial import Delaunay, cKDTree
 
 import xper_fx.periodic.microstructure.tessellation as tessellation_module
 from xper_fx.bodies.explode import explode
-from xper_fx.bodies.meshes import SerialOnlyError, facet_cells, facet_geometry_nodes
+from xper_fx.bodies.meshes import facet_cells, facet_geometry_nodes
 from xper_fx.periodic.microstructure.box_cut import cut_by_box
 from xper_fx.periodic.microstructure.mesh import mesh_tessellation
 from xper_fx.periodic.microstructure.seeds import random_seeds
@@ -345,16 +345,6 @@ def test_others_refuse(call, error, message):
     tessellation = tessellate(random_seeds(5, (1, 1), 0), (1, 1))
     with pytest.raises(error, match=message):
         call(tessellation)
-
-
-def test_several_processes():
-    """A communicator of two processes, feigned."""
-
-    class TwoProcesses:
-        size = 2
-
-    with pytest.raises(SerialOnlyError, match="2 processes"):
-        mesh_tessellation(tessellate([(0, 0)], (1, 1)), 0.1, comm=TwoProcesses())
 
 
 # ------------------------------------------------------------------------------------- meshes

@@ -199,15 +199,17 @@ def space():
 
 
 def uneven():
-    """Random strengths a facet, arrays, modes apart; until rings of rubbing lips close at vertices.
+    """Random strengths a facet, arrays over facets and points, modes apart.
 
-    Impulses within such a ring are not unique, and its slip hangs on them.
+    It ends when rings of rubbing lips close at vertices. Impulses within such a ring are not
+    unique, and its slip hangs on them.
     """
     loads, start = stretched(1.0)
     bodies = box_bodies((1, 1), (6, 6))
     strength, (place, count) = Weibull(10.0, 12.0, seed=2), bodies.facet_places()
+    of_points = np.linspace(0.05, 0.06, 2 * count).reshape(count, 2)
     bond = MixedMode(
-        2e4, (strength, 14.0), (np.linspace(0.05, 0.06, count)[place], 0.08), 2.0,
+        2e4, (strength, 14.0), (of_points[place], np.linspace(0.07, 0.08, count)[place]), 2.0,
         friction=lambda x: 0.2 + 0.2 * x[0],
     )  # fmt: skip
     scene = Scene(

@@ -4,6 +4,7 @@
 import sys
 
 import numpy as np
+import scenes
 from cells import cell_of
 from mpi4py import MPI
 
@@ -36,7 +37,7 @@ def grains(kind, drive, second=None, order=1):
     bodies = cell_of(
         (1, 1), (6, 3), "quadrilateral", label=grain, material={2: lambda x: grain(x) % 4 == 1}
     )
-    assert len(bodies.ties) > 0
+    assert len(bodies.ties) > 0 or bodies.spread is not None
     materials = {1: kind, 2: second or type(kind)(300.0, 0.2, DENSITY)}
     return Scene(bodies, materials, default_interaction=BOND, macroscopic=drive, order=order)
 
@@ -74,11 +75,17 @@ SCENES = {f.__name__: f for f in (small_strain, finite_strain, held, plastic, ea
 
 
 def run(name: str) -> dict[str, np.ndarray]:
-    """History of a cell, one value a step and column, the same on every rank."""
-    scene, steps = SCENES[name]()
-    simulation = Simulation(
-        scene, STEP, theta=0.7, tolerance=1e-8, newton_tolerance=1e-9, solver="nlgs", num_threads=1
-    )
+    """History of a cell, one value a step and column, the same on every rank.
+
+    Where the name begins with "spread_" the mesh is spread over the ranks, and a run that is
+    restarted says its elastic energy at the end.
+    """
+    spread = name.startswith("spread_")
+    scenes.COMM = MPI.COMM_WORLD if spread else MPI.COMM_SELF
+    scene, steps = SCENES[name.removeprefix("spread_")]()
+    scenes.COMM = MPI.COMM_SELF
+    options = {"theta": 0.7, "tolerance": 1e-8, "newton_tolerance": 1e-9, "solver": "nlgs"}
+    simulation = Simulation(scene, STEP, num_threads=1, **options)
     world = simulation.team.comm
     unknowns = simulation.bulk.unknowns
     history: dict[str, list] = {}
@@ -96,19 +103,24 @@ def run(name: str) -> dict[str, np.ndarray]:
         now |= {"norm": simulation.bulk.norm(state.velocity)}
         for key, value in now.items():
             history.setdefault(key, []).append(value)
+        if spread and record.step == steps - 3:
+            again = Simulation(scene, STEP, num_threads=1, **options)
+            again.restore(simulation.saved_in_order())
     V, interactions = simulation.forms.V, simulation.interactions
     nodes, offsets = simulation.bodies.node_permutation(V)
     displacement = simulation.displacement.x.array.reshape(-1, 2)[nodes]
     of_bodies = np.add.reduceat(displacement, offsets[:-1]) / np.diff(offsets)[:, None]
     numbers = np.arange(len(of_bodies))
     if simulation.part is not None:
-        numbers = simulation.part.body_numbers
+        numbers = scene.bodies.numbers_on_all(simulation.part.body_numbers)
     bodies = scene.bodies.facets.bodies
     shared = 0
     if simulation.part is not None:
         sides = simulation.part.rank_of_body[bodies]
         shared = np.count_nonzero(sides[:, 0] != sides[:, 1])
     found = {name: np.array(column) for name, column in history.items()}
+    if spread:
+        found["again"] = [record.energies["elastic"] for record in again.steps(steps * STEP)]
     return found | {
         "damage": interactions.gather("damage"),
         "jump": interactions.gather("jump"),

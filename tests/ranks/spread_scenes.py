@@ -7,8 +7,12 @@ FOLDER, then names of `meshed_scenes`, what to record as NAME=LAST, "held", "bal
 
 import sys
 import tracemalloc
+from collections.abc import Callable
 from dataclasses import replace
+from importlib.util import find_spec
+from tempfile import TemporaryDirectory
 
+import cells
 import meshed_scenes
 import numpy as np
 import recorded
@@ -21,6 +25,9 @@ import xper_fx as xf
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.output import row_blocks
 from xper_fx.parallel.launch import run_together
+from xper_fx.periodic.microstructure.mesh import mesh_tessellation
+from xper_fx.periodic.microstructure.seeds import random_seeds
+from xper_fx.periodic.microstructure.tessellation import tessellate
 from xper_fx.scene.fingerprint import fingerprint
 from xper_fx.scene.tie import tie_points
 from xper_fx.simulation.bulk_resolution import bulk_resolution
@@ -51,6 +58,8 @@ def run(name: str) -> dict[str, np.ndarray]:
         assert np.all(cracks.kind == 2) and np.isclose(length.sum(), broken, rtol=1e-12)
         ends = np.sort(segments, axis=1).reshape(-1, 4)
         found["crack_ends"] = ends[np.lexsort(ends.round(9).T)]
+        if name == "uneven":
+            found |= panel(simulation, cracks)
     return (
         {name: np.array(values) for name, values in history.items()}
         | found
@@ -60,6 +69,22 @@ def run(name: str) -> dict[str, np.ndarray]:
             "area": np.sort(gather("area")),
         }
     )
+
+
+def panel(simulation: Simulation, cracks: xf.output.Cracks) -> dict[str, np.ndarray]:
+    """A panel of cracks on the first rank, by what no numbers decide; others have no cracks."""
+    with TemporaryDirectory() as own:
+        folder, count = scenes.COMM.bcast(own), len(cracks.kind)
+        recorder = xf.Recorder(simulation, folder, end_time=1.0, fields=0)
+        made = xf.output.crack_panel(recorder, cracks, "cracks")
+        recorder.close()
+    assert len(made.crack_kind) == len(made.crack_segments) >= count or scenes.COMM.rank > 0
+    corners = (made.points + made.displacement)[made.triangles]
+    ends = np.sort(made.crack_segments, axis=1).reshape(-1, 4)
+    return {
+        "panel": np.sort(corners.mean(axis=1), axis=0),
+        "panel_ends": ends[np.lexsort(ends.round(9).T)],
+    }
 
 
 def pieces(simulation: Simulation) -> dict[str, np.ndarray]:
@@ -170,14 +195,60 @@ def bodies_of_few() -> int:
     return np.count_nonzero(bodies.spread.rank_of_body == WORLD.rank)
 
 
-def places_of_facets(lengths, cells, kind) -> float:
-    """How far facets are from those of the whole mesh of which they should have the places."""
+def grains(shear: float, hole: bool) -> xf.Bodies:
+    """A periodic cell: grains of rectangles, some on both sides, and a hole, or tetrahedra."""
+    comm = scenes.COMM
+    if hole:
+        scenes.COMM = MPI.COMM_SELF
+        within = lambda x: np.all(np.abs(x[:2] - 0.5).T < [0.06, 0.13], axis=1)  # noqa: E731
+        mesh = cells.without(scenes.mesh_of((1, 1), (9, 8), "quadrilateral"), within, comm)
+        scenes.COMM = comm
+        tags, voids = {7: lambda x: x[1] < 1e-9, cells.VOID: within}, [cells.VOID]
+    else:
+        mesh, voids = scenes.mesh_of((1, 1, 1), (6, 3, 3), "tetrahedron"), []
+        tags = {7: lambda x: (x[1] < 1e-9) | (x[1] > 1 - 1e-9)}
+    dim = mesh.topology.dim
+    x = scenes.midpoints(mesh)[:dim, : mesh.topology.index_map(dim).size_local]
+    places = np.floor((x.T + 0.2) % 1.0 * ([3, 2] if hole else 99) + 1e-9)
+    label = (places @ [1, 99, 9801][:dim]).astype(int)
+    tagged = xf.tag_cells(mesh, {2: lambda x: x[1] > 0.5}), xf.tag_facets(mesh, tags)
+    mesh.geometry.x[:, 0] += shear * mesh.geometry.x[:, 1]
+    lattice = np.eye(dim)
+    lattice[1, 0] = shear
+    return xf.explode(mesh, label, *tagged, lattice=lattice, voids=voids)
+
+
+def grown() -> xf.Bodies:
+    """Grains that Gmsh has meshed."""
+    grains = tessellate(random_seeds(6, (1, 1), 0), (1, 1))
+    made = mesh_tessellation(grains, 0.1, [1, 2, 1, 2, 1, 2], scenes.COMM)
+    return xf.explode(made.mesh, made.grain, made.cell_tags, lattice=made.lattice)
+
+
+def places_of_facets(bodies_of: Callable, *given) -> float:
+    """How far facets are from those of the whole mesh whose places they should have."""
     scenes.COMM = MPI.COMM_SELF
-    there = scenes.box_bodies(lengths, cells, kind).facets.midpoint
+    whole = bodies_of(*given)
     scenes.COMM = WORLD
-    bodies = scenes.box_bodies(lengths, cells, kind)
+    bodies = bodies_of(*given)
     places, count = bodies.facet_places()
-    return np.abs(there[places] - bodies.facets.midpoint).max() + abs(count - len(there))
+    own = bodies.spread.rank_of_body == WORLD.rank
+    known, there = own[bodies.facets.bodies], own[bodies.ties.bodies[:, 0]]
+    sides = np.sum(WORLD.allgather([np.count_nonzero(known), 2 * np.count_nonzero(there)]), axis=0)
+    far = [abs(count - len(whole.facets)), *np.subtract(sides, [2 * count, 2 * len(whole.ties)])]
+    far.append(bodies.facet_nodes(2) - whole.facet_nodes(2)[places])
+    for name in ("normal", "measure", "tag", "materials"):
+        far.append(getattr(bodies.facets, name) - getattr(whole.facets, name)[places])
+    if whole.lattice is not None:
+        far.append(bodies.labels[bodies.facets.bodies] - whole.labels[whole.facets.bodies[places]])
+        x = whole.mesh.geometry.x[:, : whole.mesh.geometry.dim]
+        at = cells.wrap(x, whole.lattice).round(9) + 0.0
+        vertex = np.unique(at, axis=0, return_inverse=True)[1].ravel()
+        vertex = vertex[geometry_dofmap(whole.mesh)]
+        label = whole.labels[whole.body_of_cell]
+        here = np.isin(vertex, vertex[np.isin(label, bodies.labels[own])]).any(axis=1)
+        far.append(len(np.setxor1d(label[here], bodies.labels)))
+    return max(np.abs(one).max() for one in far)
 
 
 def holed(x: np.ndarray) -> np.ndarray:
@@ -217,8 +288,7 @@ def wrong() -> list[str]:
         lambda: Simulation(replace(scene, initial_velocity=holed), **options),
         lambda: Simulation(replace(scene, default_interaction=holed_bond), **options),
         lambda: xf.explode(mesh, np.full(own, -WORLD.rank)),
-        lambda: xf.explode(mesh, lattice=(1.0, 1.0)),
-        lambda: xf.output.take_frame(Simulation(scene, **options), "", ""),
+        lambda: xf.explode(mesh, lattice=(2.0, 0.5)),
         lambda: Simulation(scene, **options).restore(one_state),
         lambda: Simulation(alone, comm=MPI.COMM_SELF, **options).restore(spread_state),
         lambda: replace(scene, loads=[holed_stress]),
@@ -250,9 +320,14 @@ def main() -> None:
             found = {"cells": WORLD.gather(blocks_of_one_rank()), "work": work_of_ranks()}
             found["few"] = WORLD.gather(bodies_of_few())
         elif name == "places":
-            boxes = ((1.0, 3.0), (5, 4), "crossed"), ((1.0, 1.0, 2.0), (2, 3, 2), "tetrahedron")
+            made = (
+                (scenes.box_bodies, (1.0, 3.0), (5, 4), "crossed"),
+                (scenes.box_bodies, (1.0, 1.0, 2.0), (2, 3, 2), "tetrahedron"),
+                (grains, 0.0, True), (grains, 0.25, False),
+            )  # fmt: skip
+            made += ((grown,),) if find_spec("gmsh") else ()
             found = {
-                "distance": WORLD.gather([places_of_facets(*box) for box in boxes]),
+                "distance": WORLD.gather([places_of_facets(*one) for one in made]),
                 "described": str(fingerprint(meshed_scenes.uneven()[0], [0.0])),
             }
             name = f"places_{WORLD.size}"

@@ -14,6 +14,7 @@ from spread_scenes import bytes_held, pieces
 from xper_fx.nscd.laws import CohesiveZone, RigidCohesiveZone
 from xper_fx.nscd.rigid import Disc, RigidBody
 from xper_fx.output.contact_forces import find_contact_forces
+from xper_fx.output.frames import take_frame
 from xper_fx.output.joint_forces import find_joint_forces
 from xper_fx.output.recorder import Recorder
 from xper_fx.output.run import recorded_steps
@@ -137,6 +138,21 @@ SCENES |= {
 }
 
 
+def pictured(simulation: Simulation) -> dict[str, np.ndarray]:
+    """What is seen of the bodies on the first rank, by what no numbers decide."""
+    bodies, seen = simulation.scene.bodies, {}
+    middle = bodies.mesh.geometry.x[geometry_dofmap(bodies.mesh)].mean(axis=1)
+    for colour in ("group", "speed", "coordination", middle[:, 0]):
+        frame = take_frame(simulation, colour)
+        own = np.isfinite(frame.values)  # those of rigid bodies are left out
+        centre = np.array([face.mean(axis=0) for face in frame.faces])
+        key = f"frame_{len(seen)}"
+        values = frame.values[own, None]
+        seen[key] = np.vstack([np.sort(centre, axis=0), [(values * centre[own]).sum(axis=0)]])
+    seen["chains"] = np.einsum("m,msd->sd", frame.forces, frame.chains)
+    return seen
+
+
 def run(name: str) -> dict[str, np.ndarray]:
     """Histories, and final values in an order that no numbers decide, the same on every rank."""
     if name == "held":
@@ -172,6 +188,8 @@ def run(name: str) -> dict[str, np.ndarray]:
     if scene.joints:
         others["joints"] = np.column_stack(find_joint_forces(simulation))
     others |= pieces(simulation)
+    if name in ("rammed", "broken_boxes"):
+        others |= pictured(simulation)
     return {key: np.array(values) for key, values in history.items()} | others | {
         "displacement": rows[:, 2 * dim : 3 * dim], "velocity": rows[:, 3 * dim :],
         "force": np.sort(np.linalg.norm(forces.force, axis=1)),

@@ -76,9 +76,10 @@ def test_arrays_are_over_facets_or_points(a_facet):
     bodies = box_bodies((1, 1), (4, 3))
     count = len(bodies.facets) * a_facet
     given = np.linspace(5.0, 15.0, count)
-    rows = points_of(scene_with(law(strength=given), bodies))
     want = np.repeat(given, 2) if a_facet == 1 else given
-    np.testing.assert_allclose(STRENGTH * rows[:, D0], want, rtol=1e-14)
+    for values in (given, given.reshape(-1, a_facet))[:a_facet]:
+        rows = points_of(scene_with(law(strength=values), bodies))
+        np.testing.assert_allclose(STRENGTH * rows[:, D0], want, rtol=1e-14)
 
 
 def test_an_array_over_facets_is_over_all_of_the_scene_one_over_points_over_the_laws():
@@ -180,7 +181,7 @@ def test_a_lognormal_field_has_its_mean_scatter_and_length():
 
     def sample(x, seed):
         none = np.zeros(x.shape[1], int)
-        where = Places(x, x, none, none, none.astype(float), *[none] * 4, 1, 1)
+        where = Places(x, x, none, none, none.astype(float), *[none] * 5, 1, 1, 1)
         return xf.fields.Lognormal(8.0, 0.25, 1.0, seed).sample(where)
 
     values = np.concatenate([sample(places, seed) for seed in range(5)])
@@ -283,7 +284,8 @@ def test_friction_that_is_zero_somewhere_is_friction():
         (lambda x: np.where(x[0] > 0.6, -1.0, 10.0), "above zero, got -1.0. This is facet"),
         (lambda x: np.where(x[0] > 0.6, np.nan, 10.0), r"strength is nan at facet \d+, at \(0.6"),
         (np.ones(7), "strength has 7 values; it should have one for each of the 65 facing facets"),
-        (np.ones((2, 65)), r"of shape \(2, 65\)"),
+        (np.ones((2, 65)), r"of shape \(2, 65\); .* shape \(65, 2\), or one for each of the 130 p"),
+        (np.array([[1.0, 1.0], [1.0, -1.0]]), "above zero, got -1.0, entry 1, 1"),
         (np.r_[np.ones(64), -1.0], "above zero, got -1.0, entry 64"),
         (lambda y, z: 1.0, r"strength is a function of \(y, z\); it should take some of x"),
         (lambda x: x, r"of shape \(3, 130\) for 130 points"),

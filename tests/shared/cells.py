@@ -29,12 +29,14 @@ VOID = 77
 EXACT = {"tolerance": 1e-12, "newton_tolerance": 1e-13, "num_threads": 1}
 
 
-def mesh_from(cells: np.ndarray, x: np.ndarray, kind: str):
-    """First-order mesh of given cells; nodes that no cell names are left out."""
+def mesh_from(cells: np.ndarray, x: np.ndarray, kind: str, comm=COMM):
+    """First-order mesh of given cells, the first rank's; nodes that no cell names are left out."""
+    if comm.rank > 0:
+        cells, x = cells[:0], x[:0]
     used, cells = np.unique(cells, return_inverse=True)
     element = basix.ufl.element("Lagrange", kind, 1, shape=(x.shape[1],))
     cells = cells.reshape(-1, geometry_length(kind)).astype(np.int64)
-    return create_mesh(COMM, cells=cells, x=x[used], e=ufl.Mesh(element))
+    return create_mesh(comm, cells=cells, x=x[used], e=ufl.Mesh(element))
 
 
 def geometry_length(kind: str) -> int:
@@ -42,12 +44,12 @@ def geometry_length(kind: str) -> int:
     return {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}[kind]
 
 
-def without(mesh, hole: Callable):
+def without(mesh, hole: Callable, comm=COMM):
     """The mesh less the cells whose midpoints lie in a hole."""
     dofmap = geometry_dofmap(mesh)
     kept = ~hole(midpoints(mesh))
     x = mesh.geometry.x[:, : mesh.geometry.dim]
-    return mesh_from(dofmap[kept], x, mesh.topology.cell_name())
+    return mesh_from(dofmap[kept], x, mesh.topology.cell_name(), comm)
 
 
 def moved(mesh, shifts: np.ndarray):
@@ -97,7 +99,7 @@ def cell_of(
         facets[VOID] = _hole_surface(full, mesh, lengths)
     bodies = EACH_CELL
     if label is not None:
-        where = midpoints(mesh)
+        where = midpoints(mesh)[:, : mesh.topology.index_map(mesh.topology.dim).size_local]
         bodies = label(where).astype(int) if callable(label) else np.full(where.shape[1], label)
     tags = tag_cells(mesh, material or {})
     facet_tags = tag_facets(mesh, facets) if facets else None

@@ -27,22 +27,36 @@ _UNLIKE, _WORTH = 1.15, 0.95
 _HALVINGS, _LEAN = 50, 1e-3
 
 
-def rank_of_bodies(ranks: Ranks, mesh: Mesh, label: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
+def rank_of_bodies(
+    ranks: Ranks,
+    mesh: Mesh,
+    label: npt.NDArray[np.int64],
+    lattice: npt.NDArray[np.float64] | None,
+) -> npt.NDArray[np.int32]:
     """Rank of the body of each cell, shape (num_cells,); all ranks call it together.
 
     Args:
         ranks: those of the mesh.
         mesh: the mesh, as DOLFINx has spread it.
         label: shape (num_cells,), body of each cell that this rank owns.
+        lattice: period vectors of a periodic cell as rows, m; None if the mesh is none. The middle
+            of a body that goes on over the boundary is that of its angles on circles.
     """
     own, body, count = np.unique(label, return_inverse=True, return_counts=True)
     keepers = Keepers(ranks, own)
     # the smallest is that of the most cells, and of the lowest rank that has so many
     rank = keepers.min(ranks.rank - ranks.size * count) % ranks.size
     middles = mesh.geometry.x[geometry_dofmap(mesh)[: len(label)]].mean(axis=1)
-    columns = [_work(mesh, body), np.ones(len(body)), *middles[:, : mesh.topology.dim].T]
+    middles = middles[:, : mesh.topology.dim]
+    if lattice is not None:
+        turn = 2.0 * np.pi * middles @ np.linalg.inv(lattice)
+        middles = np.concatenate([np.cos(turn), np.sin(turn)], axis=1)
+    columns = [_work(mesh, body), np.ones(len(body)), *middles.T]
     sums = keepers.sum(np.array([np.bincount(body, column) for column in columns]).T)
     work, middle = sums[:, 0], sums[:, 2:] / sums[:, 1:2]
+    if lattice is not None:
+        cosine, sine = np.split(middle, 2, axis=1)
+        middle = np.arctan2(sine, cosine) / (2.0 * np.pi) % 1.0 @ lattice
     load = _loads(ranks, rank, work)
     if load.max() > _UNLIKE * load.mean() or not load.all():
         other = _bisected(ranks, middle, work)

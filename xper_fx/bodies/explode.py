@@ -10,9 +10,9 @@ opening.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, NamedTuple
 
 import basix
@@ -31,7 +31,6 @@ from xper_fx.bodies.meshes import (
     local_facet_vertices,
     midpoints_of,
     reference_cell,
-    require_whole,
 )
 from xper_fx.bodies.present_tags import PresentTags
 from xper_fx.support.checks import require_kind
@@ -39,6 +38,7 @@ from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
 from xper_fx.support.ranks import Ranks
 
 if TYPE_CHECKING:
+    from xper_fx.bodies.lattice import FacetPairs
     from xper_fx.bodies.spread import Spread
 
 
@@ -178,16 +178,11 @@ class Bodies:
         points = self.facets.midpoint
         if self.spread is None:
             return np.arange(len(points)), len(points)
-        from xper_fx.bodies.keepers import places_in_order
+        from xper_fx.bodies.keepers import places_of_points
 
         ranks = self.spread.ranks
         ends = ranks.max(np.stack([e.max(axis=0, initial=-np.inf) for e in (points, -points)]))
-        tolerance = _EQUAL_COORDINATE * ends.sum(axis=0).max()
-        places, count = places_in_order(ranks, points[:, 0], tolerance)
-        for coordinate in points.T[1:]:
-            next_places, next_count = places_in_order(ranks, coordinate, tolerance)
-            places, count = places_in_order(ranks, places * next_count + next_places)
-        return places, count
+        return places_of_points(ranks, points, _EQUAL_COORDINATE * ends.sum(axis=0).max())
 
     def require_whole(self, what: str) -> None:
         """Raise a SerialOnlyError if the mesh is spread over ranks.
@@ -409,18 +404,44 @@ def explode(
         The bodies, on a new mesh; `mesh` is left as it was.
 
     Raises:
-        SerialOnlyError: a periodic cell that is spread over several processes.
         TypeError: `bodies`, `cell_tags`, `facet_tags` or `voids` is of the wrong type.
         ValueError: labels or tags do not fit the mesh; a cell is degenerate; a facet is shared
             by three cells; two cells overlap at a facet; the geometry is not first order; facets
             of a periodic cell's boundary have no translate.
     """
-    if isinstance(mesh, Mesh) and mesh.comm.size > 1:
-        if lattice is not None or len(voids):
-            require_whole(mesh.comm)
-        return _explode_share(mesh, bodies, cell_tags, facet_tags)
-    check_mesh(mesh)
-    return _cut(mesh, bodies, cell_tags, facet_tags, lattice, voids)
+    spread = isinstance(mesh, Mesh) and mesh.comm.size > 1
+    check_mesh(mesh, spread=spread)
+    lattice = _checked_periods(mesh, lattice, voids, facet_tags)
+    if spread:
+        return _explode_share(mesh, bodies, cell_tags, facet_tags, lattice, voids)
+    pairs = None
+    if lattice is not None:
+        pairs = partial(_pairs_of_whole, lattice=lattice, voids=voids)
+    return _cut(mesh, bodies, cell_tags, facet_tags, lattice, pairs)
+
+
+def _checked_periods(
+    mesh: Mesh, lattice: npt.ArrayLike | None, voids: Sequence[int], facet_tags: MeshTags | None
+) -> npt.NDArray[np.float64] | None:
+    """Return the period vectors of a periodic cell, or raise; ranks of the mesh call it."""
+    if not np.iterable(voids):
+        raise TypeError(f"voids should be a list of facet tags, got {voids!r}.")
+    if len(voids) and lattice is None:
+        raise ValueError(
+            f"voids is {list(voids)} without a lattice; they are those of a periodic cell."
+        )
+    if lattice is None:
+        return None
+    here = np.unique(getattr(facet_tags, "values", ())).tolist()
+    present = set().union(*mesh.comm.allgather(here))
+    if unknown := set(voids) - present - {0}:
+        raise ValueError(
+            f"voids names facet tags {sorted(unknown)}, which no facet bears; tags that do: "
+            f"{sorted(present - {0})}."
+        )
+    from xper_fx.bodies.lattice import checked_lattice
+
+    return checked_lattice(lattice, mesh.topology.dim)
 
 
 def _cut(
@@ -428,10 +449,15 @@ def _cut(
     bodies: str | npt.ArrayLike,
     cell_tags: MeshTags | None,
     facet_tags: MeshTags | None,
-    lattice: npt.ArrayLike | None = None,
-    voids: Sequence[int] = (),
+    lattice: npt.NDArray[np.float64] | None,
+    pairs: Callable[..., FacetPairs] | None,
 ) -> Bodies:
-    """Cut a mesh that is whole, perhaps of no cells; arguments as of `explode`."""
+    """Cut a mesh on one process; the arguments of `explode` that have been checked.
+
+    Args:
+        pairs: gives the pairs of facets that are one across a periodic cell's boundary, from the
+            mesh, the cells of its facets and their tags.
+    """
     tdim = mesh.topology.dim
     num_cells = mesh.topology.index_map(tdim).size_local
     labels, body_of_parent = _body_labels(bodies, num_cells)
@@ -439,23 +465,9 @@ def _cut(
     parent_facet_tag = _facet_tag_array(facet_tags, mesh)
     cells_of_facet = facet_cells(mesh)
     meeting = _meeting_cells(mesh, cells_of_facet, parent_facet_tag[1])
-    if not np.iterable(voids):
-        raise TypeError(f"voids should be a list of facet tags, got {voids!r}.")
-    if len(voids) and lattice is None:
-        raise ValueError(
-            f"voids is {list(voids)} without a lattice; they are those of a periodic cell."
-        )
-    unknown = set(voids) - set(parent_facet_tag[1].tolist())
-    if unknown:
-        raise ValueError(
-            f"voids names facet tags {sorted(unknown)}, which no facet bears; tags that do: "
-            f"{sorted(set(parent_facet_tag[1].tolist()) - {0})}."
-        )
-    if lattice is not None:
-        from xper_fx.bodies.lattice import checked_lattice
-
-        lattice = checked_lattice(lattice, tdim)
-        across = _cells_across(mesh, cells_of_facet, parent_facet_tag[1], lattice, voids)
+    if pairs is not None:
+        found = pairs(mesh, cells_of_facet, parent_facet_tag[1])
+        across = _meeting_across(cells_of_facet, parent_facet_tag[1], found)
         meeting = _Meeting(*(np.concatenate(both) for both in zip(meeting, across, strict=True)))
     one_body = body_of_parent[meeting.cells[:, 0]] == body_of_parent[meeting.cells[:, 1]]
     apart = np.any(meeting.translation != 0.0, axis=1)
@@ -512,7 +524,12 @@ def _cut(
 
 
 def _explode_share(
-    mesh: Mesh, bodies: str | npt.ArrayLike, cell_tags: MeshTags | None, facet_tags: MeshTags | None
+    mesh: Mesh,
+    bodies: str | npt.ArrayLike,
+    cell_tags: MeshTags | None,
+    facet_tags: MeshTags | None,
+    lattice: npt.NDArray[np.float64] | None,
+    voids: Sequence[int],
 ) -> Bodies:
     """Cut what this rank knows of a mesh that is spread; all ranks call it together."""
     from xper_fx.bodies.spread import UNTAGGED, Spread, known_cells
@@ -520,8 +537,6 @@ def _explode_share(
     ranks, tdim = Ranks(mesh.comm), mesh.topology.dim
     count = mesh.topology.index_map(tdim).size_local
     mesh.topology.create_connectivity(tdim, tdim - 1)
-
-    check_mesh(mesh, spread=True)
 
     def checked() -> tuple:
         labels, body = _body_labels(bodies, count)
@@ -534,12 +549,22 @@ def _explode_share(
             tag_of_facet[facets_of_cells(mesh)[:count]],
         )
 
-    cells = known_cells(ranks, mesh, *ranks.together(checked))
+    label, material, facet_tag = ranks.together(checked)
+    border = pairs = None
+    if lattice is not None:
+        from xper_fx.bodies.spread_lattice import border_of
+
+        border = border_of(ranks, mesh, facet_tag, lattice, voids)
+    cells = known_cells(ranks, mesh, label, material, facet_tag, border)
+    if cells.pair is not None:
+        pairs = partial(_pairs_known, pair=cells.pair)
     for tags, given in ((cells.cell_tags, cell_tags), (cells.facet_tags, facet_tags)):
         if given is not None:
             tags.name = given.name
 
-    known = ranks.together(lambda: _cut(cells.mesh, cells.label, cells.cell_tags, cells.facet_tags))
+    known = ranks.together(
+        lambda: _cut(cells.mesh, cells.label, cells.cell_tags, cells.facet_tags, lattice, pairs)
+    )
     rank_of_cell = cells.rank[known.parent_cell]
     rank_of_body = np.empty(known.num_bodies, np.int32)
     rank_of_body[known.body_of_cell] = rank_of_cell
@@ -687,27 +712,56 @@ def _meeting_cells(
     return _Meeting(cells[inner], local[inner], still, facet_tag[inner])
 
 
-def _cells_across(
+def _meeting_across(
+    cells_of_facet: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]],
+    facet_tag: npt.NDArray[np.int32],
+    pairs: FacetPairs,
+) -> _Meeting:
+    """Facets of a periodic cell's boundary; the pair has a tag if both facets bear it."""
+    cells, local = cells_of_facet
+    tags = facet_tag[pairs.facets]
+    both = np.where(tags[:, 0] == tags[:, 1], tags[:, 0], 0).astype(np.int32)
+    return _Meeting(cells[pairs.facets, 0], local[pairs.facets, 0], pairs.translation, both)
+
+
+def _pairs_of_whole(
     mesh: Mesh,
     cells_of_facet: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]],
     facet_tag: npt.NDArray[np.int32],
     lattice: npt.NDArray[np.float64],
     voids: Sequence[int],
-) -> _Meeting:
-    """Facets of a periodic cell's boundary; the pair has a tag if both facets bear it."""
-    from xper_fx.bodies.lattice import check_volume, match_facets
+) -> FacetPairs:
+    """Pairs of facets of a periodic cell's boundary."""
+    from xper_fx.bodies.lattice import check_volume, match_facets, match_tolerance
 
     cells, local = cells_of_facet
-    x = mesh.geometry.x[:, : mesh.geometry.dim]
     measure = cell_measure(mesh.topology.cell_name(), mesh.geometry.x[geometry_dofmap(mesh)])
     check_volume(float(measure.sum()), lattice, len(voids) > 0)
     outer = np.flatnonzero((cells[:, 1] < 0) & ~np.isin(facet_tag, list(voids)))
     nodes = facet_geometry_nodes(mesh, cells[outer, 0], local[outer, 0])
-    pairs, translation = match_facets(x[nodes], lattice)
-    sides = outer[pairs]
-    tags = facet_tag[sides]
-    both = np.where(tags[:, 0] == tags[:, 1], tags[:, 0], 0).astype(np.int32)
-    return _Meeting(cells[sides, 0], local[sides, 0], translation, both)
+    x = mesh.geometry.x[nodes][:, :, : mesh.geometry.dim]
+    pairs = match_facets(x, lattice, match_tolerance(x))
+    return pairs._replace(facets=outer[pairs.facets])
+
+
+def _pairs_known(
+    mesh: Mesh,
+    cells_of_facet: tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]],
+    facet_tag: npt.NDArray[np.int32],
+    pair: npt.NDArray[np.int64],
+) -> FacetPairs:
+    """As `_pairs_of_whole`, of the cells that a rank knows, by the numbers that `Border` gives."""
+    from xper_fx.bodies.lattice import FacetPairs
+
+    cells, local = (array[:, 0] for array in cells_of_facet)
+    number = pair[cells, local]
+    order = np.argsort(number, kind="stable")
+    same = np.flatnonzero((np.diff(number[order]) == 0) & (number[order][1:] >= 0))
+    facets = order[np.column_stack([same, same + 1])]
+    nodes = facet_geometry_nodes(mesh, cells[facets].ravel(), local[facets].ravel())
+    middle = midpoints_of(mesh.geometry.x[:, : mesh.geometry.dim], nodes)
+    middle = middle.reshape(*facets.shape, mesh.geometry.dim)
+    return FacetPairs(facets, middle[:, 1] - middle[:, 0])
 
 
 def _facing_facets(

@@ -112,6 +112,22 @@ def places_in_order(
     return keepers.answer(places)[inverse.ravel()], int(ranks.sum(count))
 
 
+def places_of_points(
+    ranks: Ranks, points: np.ndarray, tolerance: float
+) -> tuple[npt.NDArray[np.int64], int]:
+    """As `places_in_order`, of points sorted by x, then y, then z.
+
+    Args:
+        points: shape (n, dim).
+        tolerance: of each coordinate.
+    """
+    places, count = places_in_order(ranks, points[:, 0], tolerance)
+    for coordinate in points.T[1:]:
+        next_places, next_count = places_in_order(ranks, coordinate, tolerance)
+        places, count = places_in_order(ranks, places * next_count + next_places)
+    return places, count
+
+
 class JoinedNumbers:
     """Which numbers pairs join that are divided among ranks; ranks make it and call it together.
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from xper_fx.support.checks import require_numbers
+from xper_fx.support.ranks import ALONE, Ranks
 
 # Distance, beside the smallest facet of the boundary, within which translates count as one.
 _MATCH = 1e-5
@@ -51,12 +52,26 @@ def checked_lattice(lattice: npt.ArrayLike, dim: int) -> npt.NDArray[np.float64]
     return rows
 
 
-def match_facets(vertices: npt.NDArray[np.float64], lattice: npt.NDArray[np.float64]) -> FacetPairs:
+def match_tolerance(vertices: npt.NDArray[np.float64], ranks: Ranks = ALONE) -> float:
+    """Distance within which facets of a cell's boundary are translates (m).
+
+    Args:
+        vertices: shape (num_facets, k, dim), vertices of each facet that a rank has, m.
+        ranks: those that have the boundary.
+    """
+    edges = np.linalg.norm(vertices - np.roll(vertices, 1, axis=1), axis=2)
+    return -_MATCH * float(ranks.max(-edges.min(initial=np.inf)))
+
+
+def match_facets(
+    vertices: npt.NDArray[np.float64], lattice: npt.NDArray[np.float64], tolerance: float
+) -> FacetPairs:
     """Pair the facets of a cell's boundary that are translates of each other.
 
     Args:
         vertices: shape (num_facets, k, dim), vertices of each facet of the boundary, m.
         lattice: shape (dim, dim), rows are period vectors, m.
+        tolerance: see `match_tolerance`, m.
 
     Raises:
         ValueError: a vertex or a facet has no translate (its coordinates are reported), or
@@ -65,8 +80,6 @@ def match_facets(vertices: npt.NDArray[np.float64], lattice: npt.NDArray[np.floa
     count, _, dim = vertices.shape
     if count == 0:
         return FacetPairs(np.zeros((0, 2), np.intp), np.zeros((0, dim)))
-    edges = np.linalg.norm(vertices - np.roll(vertices, 1, axis=1), axis=2)
-    tolerance = _MATCH * float(edges.min())
     _require_translates(np.unique(vertices.reshape(-1, dim), axis=0), lattice, tolerance)
     midpoints = vertices.mean(axis=1)
     pairs = translates(midpoints, lattice, tolerance)
@@ -95,17 +108,33 @@ def translates(
     Returns:
         Shape (n, 2), sorted.
     """
-    inverse = np.linalg.inv(lattice)
-    wrapped = (points @ inverse) % 1.0
-    wrapped[wrapped >= 1.0] = 0.0  # -1e-17 % 1 is 1
-    # what lies within the tolerance in space lies within this in lattice coordinates
-    radius = tolerance * np.linalg.norm(inverse, 2)
-    pairs = cKDTree(wrapped, boxsize=1.0).query_pairs(radius, output_type="ndarray")
+    places, radius = wrapped(points, lattice, tolerance)
+    pairs = cKDTree(places, boxsize=1.0).query_pairs(radius, output_type="ndarray")
     apart = points[pairs[:, 1]] - points[pairs[:, 0]]
-    whole = np.round(apart @ inverse)
+    whole = np.round(apart @ np.linalg.inv(lattice))
     near = np.linalg.norm(apart - whole @ lattice, axis=1) <= tolerance
     pairs = pairs[near & np.any(whole != 0.0, axis=1)]
     return pairs[np.lexsort(pairs.T[::-1])]
+
+
+def wrapped(
+    points: npt.NDArray[np.float64], lattice: npt.NDArray[np.float64], tolerance: float
+) -> tuple[npt.NDArray[np.float64], float]:
+    """Where points lie in the cell at the origin, in coordinates along the lattice.
+
+    Args:
+        points, lattice, tolerance: as of `translates`.
+
+    Returns:
+        Shape (num_points, dim), in [0, 1), and what the tolerance is in these coordinates, by which
+        points below 1 come to 0.
+    """
+    inverse = np.linalg.inv(lattice)
+    # what lies within the tolerance in space lies within this in lattice coordinates
+    radius = tolerance * float(np.linalg.norm(inverse, 2))
+    places = (points @ inverse) % 1.0
+    places[places >= 1.0 - radius] = 0.0
+    return places, radius
 
 
 def _require_translates(points: np.ndarray, lattice: np.ndarray, tolerance: float) -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -106,7 +107,8 @@ def read_gmsh(
     Args:
         model_or_path: `gmsh.model` with its mesh generated, or the path of a .msh file.
         dim: dimension of the space and of the cells, 2 or 3; a 2D mesh lies in a plane z = const.
-        comm: communicator, of one process.
+        comm: MPI.COMM_SELF gives every rank the whole mesh; of MPI.COMM_WORLD the first rank reads
+            it, and DOLFINx spreads it over the ranks.
 
     Returns:
         The mesh, its cell tags and its facet tags (empty if there is no group of facets).
@@ -115,36 +117,50 @@ def read_gmsh(
         ImportError: the Python module `gmsh` is missing.
         TypeError: neither a model nor a path.
         FileNotFoundError: there is no such file.
-        SerialOnlyError: `comm` has several processes.
         ValueError: the mesh is empty, of another dimension, of higher order, of several cell
             types or not planar; a cell is in no physical group or in two.
     """
-    require_whole(comm)
     if dim not in (2, 3):
         raise ValueError(f"dim is {dim!r}; expected 2 or 3.")
+    ranks = Ranks(comm)
+    with ExitStack() as stack:
+        model = ranks.together(
+            lambda: _checked_model(stack, model_or_path, dim) if ranks.rank == 0 else None
+        )
+        return mesh_of_model(model, dim, comm)
+
+
+def _checked_model(stack: ExitStack, model_or_path: Any, dim: int) -> Any:
+    """Return a Gmsh model that fits, of a file one that the stack closes."""
     if not isinstance(model_or_path, str | Path):
         if not hasattr(model_or_path, "mesh"):
             raise TypeError(
                 f"Expected `gmsh.model` or the path of a .msh file, got {model_or_path!r}."
             )
-        return _read_gmsh_model(model_or_path, dim, comm, "The Gmsh model")
+        check_model(model_or_path, dim, "The Gmsh model")
+        return model_or_path
     path = Path(model_or_path)
     if not path.is_file():
         raise FileNotFoundError(f"There is no file {path}.")
-    with gmsh_model(f"xper_fx: {path}", {"General.Verbosity": 1}) as gmsh:
-        try:
-            gmsh.merge(str(path))
-            return _read_gmsh_model(gmsh.model, dim, comm, str(path))
-        except ValueError:
-            raise
-        except Exception as error:  # gmsh raises bare Exception
-            raise ValueError(f"Gmsh cannot read {path} as a mesh: {error}") from error
+    gmsh = stack.enter_context(gmsh_model(f"xper_fx: {path}", {"General.Verbosity": 1}))
+    try:
+        gmsh.merge(str(path))
+        check_model(gmsh.model, dim, str(path))
+    except ValueError:
+        raise
+    except Exception as error:  # gmsh raises bare Exception
+        raise ValueError(f"Gmsh cannot read {path} as a mesh: {error}") from error
+    return gmsh.model
 
 
-def _read_gmsh_model(
-    model: Any, dim: int, comm: MPI.Comm, name: str
-) -> tuple[Mesh, MeshTags, MeshTags]:
-    """Check a Gmsh model and turn it into a mesh with tags."""
+def check_model(model: Any, dim: int, name: str) -> None:
+    """Raise a ValueError unless a Gmsh model has a mesh of `read_gmsh`.
+
+    Args:
+        model: `gmsh.model`, whose nodes may be numbered anew.
+        dim: of the mesh.
+        name: of the model, for messages.
+    """
     types, elements, _ = model.mesh.getElements(dim)
     if len(types) == 0:
         raise ValueError(
@@ -185,8 +201,18 @@ def _read_gmsh_model(
         raise ValueError(f"{name} does not lie in a plane z = const; expected a planar 2D mesh.")
     if nodes.max() != len(nodes):
         model.mesh.renumberNodes()  # DOLFINx takes the nodes to be numbered without holes
+
+
+def mesh_of_model(model: Any | None, dim: int, comm: MPI.Comm) -> tuple[Mesh, MeshTags, MeshTags]:
+    """Turn a Gmsh model into a mesh with tags, those of `read_gmsh`; ranks call it together.
+
+    Args:
+        model: a checked one on the first rank.
+        dim: of the mesh.
+        comm: ranks over which the mesh is spread.
+    """
     mesh, cell_tags, facet_tags = gmsh_model_to_mesh(model, comm, dim)
-    check_mesh(mesh)
+    check_mesh(mesh, spread=True)
     if facet_tags is None or len(facet_tags.indices) == 0:
         none = np.empty(0, dtype=np.int32)
         mesh.topology.create_entities(dim - 1)

@@ -2,10 +2,10 @@
 """The cells that a rank needs of a mesh that DOLFINx has spread over several.
 
 A rank has the bodies that are its own, and as *neighbours* the cells of others that share a vertex
-with them: all cells that meet at a vertex of one's own bodies are then known, which is what
-decides where the interaction points at this vertex belong. Nothing else of the mesh is held, and
-nothing is collected on one rank: who meets at a vertex is found out by the rank that keeps its
-number (number modulo the number of ranks).
+with them, in a periodic cell also across its boundary: all cells that meet at a vertex of one's own
+bodies are then known, which is what decides where the interaction points at this vertex belong.
+Nothing else of the mesh is held, and nothing is collected on one rank: who meets at a vertex is
+found out by the rank that keeps its number (number modulo the number of ranks).
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from xper_fx.support.ranks import Ranks
 
 if TYPE_CHECKING:
     from xper_fx.bodies.present_tags import PresentTags
+    from xper_fx.bodies.spread_lattice import Border
 
 UNTAGGED = np.iinfo(np.int32).min
 """Tag of a facet that has none."""
@@ -54,6 +55,8 @@ class KnownCells(NamedTuple):
     label: npt.NDArray[np.int64]  #: shape (num_cells,), int64, body of each cell
     cell_tags: MeshTags  #: of all cells
     facet_tags: MeshTags  #: of those facets that bear one
+    #: shape (num_cells, facets of a cell), as of `Border`; None if the mesh is no periodic cell
+    pair: npt.NDArray[np.int64] | None
 
 
 def known_cells(
@@ -62,6 +65,7 @@ def known_cells(
     label: npt.NDArray[np.int64] | None,
     material: npt.NDArray[np.int32],
     facet_tag: npt.NDArray[np.int32],
+    border: Border | None,
 ) -> KnownCells:
     """Bring each body to one rank, and tell ranks their neighbours; all call it together.
 
@@ -74,6 +78,8 @@ def known_cells(
         label: shape (num_cells,), body of each cell that this rank owns; None if each is one.
         material: shape (num_cells,), tag of each such cell.
         facet_tag: shape (num_cells, facets of a cell), tags of its facets, or `UNTAGGED`.
+        border: what its cells have on the boundary of a periodic cell, across which they are
+            neighbours, too; None if the mesh is none.
     """
     count, tdim = len(material), mesh.topology.dim
     number = mesh.topology.original_cell_index[:count].astype(np.int64)
@@ -82,13 +88,14 @@ def known_cells(
     if label is None:
         label, rank = number, np.full(count, ranks.rank, np.int32)
     else:
-        rank = rank_of_bodies(ranks, mesh, label)
-    which, to = _needed(ranks, nodes, rank)
+        rank = rank_of_bodies(ranks, mesh, label, None if border is None else border.lattice)
+    which, to = _needed(ranks, nodes if border is None else border.vertex, rank)
     told = (number, rank, label, material, facet_tag, nodes, mesh.geometry.x[dofmap][:, :, :tdim])
+    told += () if border is None else (border.pair,)
     heard = send(ranks, to, *(array[which] for array in told))
     columns = [np.concatenate(parts) for parts in zip(*heard, strict=True)]
     order = np.argsort(columns[0])
-    number, rank, label, material, facet_tag, nodes, x = (column[order] for column in columns)
+    number, rank, label, material, facet_tag, nodes, x, *pair = (c[order] for c in columns)
 
     vertices, place = np.unique(nodes, return_inverse=True)
     at = np.empty((len(vertices), tdim), x.dtype)
@@ -103,6 +110,7 @@ def known_cells(
         known, number, vertices[known.geometry.input_global_indices], rank, label,
         meshtags(known, tdim, every, material),
         meshtags(known, tdim - 1, bearing.astype(np.int32), facet_tag[tagged][first]),
+        pair[0] if pair else None,
     )  # fmt: skip
 
 

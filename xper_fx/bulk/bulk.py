@@ -51,7 +51,7 @@ class Bulk:
             regularised, so that what is prescribed must hold every body, or every group of bodies
             that interactions join.
         joined: pairs of bodies between which interactions act, shape (n, 2), at least all that
-            this rank's are in; a periodic cell takes those of all ranks.
+            this rank's are in.
         ranks: ranks that divide the bodies; vectors are this rank's, sums those of all.
         numbers: shape (num_bodies,), which of the bodies of all ranks this rank's are; None where
             it has all.

@@ -61,7 +61,7 @@ def loose_bodies(
 
     if numbers is None:
         numbers = np.arange(len(sizes))
-    group, num_shared, num_groups = _groups(joined, numbers, ranks)
+    group, num_shared, num_groups = joined_groups(joined, numbers, ranks)
     group_of_node = np.repeat(group, sizes)
     count, dim = len(x), x.shape[1]
     places = (group_of_node, np.arange(count))
@@ -98,8 +98,13 @@ def loose_bodies(
     return bodies, int(ways), np.array(place)
 
 
-def _groups(joined: np.ndarray, numbers: np.ndarray, ranks: Ranks) -> tuple[np.ndarray, int, int]:
+def joined_groups(
+    joined: np.ndarray, numbers: np.ndarray, ranks: Ranks
+) -> tuple[np.ndarray, int, int]:
     """The groups of joined bodies, those that reach over several ranks first.
+
+    Args:
+        joined, numbers, ranks: as of `loose_bodies`, which call it together.
 
     Returns:
         The group of each of this rank's bodies, how many groups all ranks have alike, and how many

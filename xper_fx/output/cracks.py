@@ -148,17 +148,26 @@ def _parts(x: np.ndarray) -> np.ndarray:
 
 
 def crack_panel(recorder: Recorder, cracks: Cracks, title: str) -> CrackPanel:
-    """The cracked plate or cell as it is now, for `plotting.plot_cracks`."""
+    """The cracked plate or cell as it is now, for `plotting.plot_cracks`.
+
+    Of a mesh that is spread over ranks, which call it together with what `find_cracks` gave each,
+    the first one gets the panel of the whole, and each other rank that of its own bodies, without
+    cracks.
+    """
     require_kind("recorder", recorder, Recorder)
     require_kind("cracks", cracks, Cracks)
-    bodies = recorder.simulation.scene.bodies
-    bodies.require_whole("A picture of cracks")
-    return CrackPanel(
-        points=bodies.mesh.geometry.x[:, :2],
-        triangles=recorder.cells,
-        material=bodies.material_of_cell,
-        displacement=recorder.vertex_displacement(),
-        crack_segments=cracks.segments,
-        crack_kind=cracks.kind,
-        title=title,
-    )
+    simulation = recorder.simulation
+    spread = simulation.scene.bodies.spread
+    bodies = simulation.scene.bodies if spread is None else simulation.bodies
+    given = (
+        bodies.mesh.geometry.x[:, :2], recorder.cells, bodies.material_of_cell,
+        recorder.vertex_displacement(), cracks.segments, cracks.kind,
+    )  # fmt: skip
+    parts = [given]
+    if spread is not None:
+        parts = spread.ranks.comm.gather(given)
+        parts = parts or [(*given[:4], cracks.segments[:0], cracks.kind[:0])]
+    points, cells, *others = zip(*parts, strict=True)
+    first = np.cumsum([0, *map(len, points[:-1])])
+    cells = [part + start for part, start in zip(cells, first, strict=True)]
+    return CrackPanel(*map(np.concatenate, (points, cells, *others)), title=title)

@@ -11,12 +11,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from xper_fx.bodies.explode import Bodies
 from xper_fx.nscd.rigid.outline import body_outlines, piece_faces
 from xper_fx.nscd.rigid.shapes import DISC, SPHERE
 from xper_fx.output.body_shapes import equal_diameters
 from xper_fx.output.contact_forces import ContactForces, find_contact_forces
 from xper_fx.output.vertex_values import VertexValues
 from xper_fx.simulation.simulation import Simulation
+from xper_fx.simulation.slot_bodies import first_rigid
 from xper_fx.support.checks import require_kind, require_numbers
 from xper_fx.support.compat import geometry_dofmap
 
@@ -71,14 +73,17 @@ class Frame:
 def take_frame(simulation: Simulation, colour: Colour = "group", title: str | None = None) -> Frame:
     """The bodies of a simulation as they are now; all ranks call it together.
 
+    Of a mesh that is spread over ranks the first one gets the frame of all bodies, which it holds
+    whole, and each other rank that of its own.
+
     Args:
         simulation: the run.
         colour: what colours the bodies. "group" (of meshed bodies, the surface they belong to or
             their material), "speed" of the centre, or "coordination", the number of other bodies
             that push; of rigid bodies alone "spin" (in 3D its size), "rotation" since the start (in
             3D its angle, at most pi) and "size", the diameter of the disc or ball of equal volume.
-            Or values of one's own: one a cell of the mesh, then one a rigid body; those of all
-            rigid bodies, or of walls, may be left out or NaN. Or a function that gives them.
+            Or values of one's own: one a cell of `Scene.bodies`, then one a rigid body; those of
+            all rigid bodies, or of walls, may be left out or NaN. Or a function that gives them.
         title: of the picture; None tells the time.
 
     Raises:
@@ -88,20 +93,13 @@ def take_frame(simulation: Simulation, colour: Colour = "group", title: str | No
     require_kind("simulation", simulation, Simulation)
     scene, rigid, dim = simulation.scene, simulation.rigid, simulation.bulk.dim
     contacts = find_contact_forces(simulation)
+    values, label, names = _values(simulation, colour, contacts)
+    num_cells = len(values) - len(scene.rigid)
     faces: list[np.ndarray] = []
-    owner, middles = np.empty(0, int), np.empty((0, dim))
-    num_cells = 0
+    shown, middles = np.empty(0), np.empty((0, dim))
     if scene.bodies is not None:
-        scene.bodies.require_whole("A picture of all bodies")
-        cells = geometry_dofmap(scene.bodies.mesh)
-        num_cells = len(cells)
-        x = scene.bodies.mesh.geometry.x[:, :dim] + VertexValues(simulation).displacement()
-        shown, owner = _cell_faces(scene.bodies.mesh.topology.cell_name(), cells, x)
-        faces = list(x[shown])
-        body = scene.bodies.body_of_cell
-        middle = x[cells].mean(axis=1)
-        total = [np.bincount(body, column) for column in middle.T]
-        middles = np.column_stack(total) / np.bincount(body)[:, None]
+        cell_faces, shown, middles = _meshed(simulation, values[:num_cells])
+        faces = list(cell_faces)
     edged, walls, marks = np.zeros(len(faces), bool), [], np.empty((0, 2, 2))
     if rigid is not None:
         bounded, pieces = np.isfinite(rigid.bodies.bounding_radius), rigid.bodies.shapes
@@ -118,18 +116,54 @@ def take_frame(simulation: Simulation, colour: Colour = "group", title: str | No
             x[beyond] = middle + _BEYOND * (x[beyond] - middle)
         walls = [x[loop] for loop, wall in zip(loops, is_wall, strict=True) if wall]
         faces += [x[loop] for loop, wall in zip(loops, is_wall, strict=True) if not wall]
-        owner = np.concatenate([owner, num_cells + body[~is_wall]])
+        shown = np.concatenate([shown, values[num_cells + body[~is_wall]]])
         edged = np.concatenate([edged, pieces.kind[piece[~is_wall]] != SPHERE])
         middles = np.concatenate([middles, np.where(bounded[:, None], state.position, np.nan)])
         if dim == 2:
             rim = np.array([loop[0] for loop in loops])[pieces.kind == DISC]
             marks = np.stack([x[rim - 1], x[rim]], axis=1)
-    values, label, names = _values(simulation, colour, num_cells, contacts)
     if title is None:
         title = f"{simulation.time:.4g} s"
     return Frame(
-        title, faces, values[owner], edged, walls, marks, *_chains(contacts, middles), label, names
+        title, faces, shown, edged, walls, marks, *_chains(contacts, middles), label, names
     )
+
+
+def _meshed(
+    simulation: Simulation, values: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What is seen of meshed bodies, of a mesh that is spread over ranks as `take_frame` says.
+
+    Args:
+        values: what colours the cells that are drawn, shape (num_cells,).
+
+    Returns:
+        Corners of the faces, shape (num_faces, corners, dim), m; their values; the middles of the
+        bodies by their numbers in `ContactForces.bodies`, m, NaN of those that are not drawn here.
+    """
+    bodies, dim = _drawn(simulation), simulation.bulk.dim
+    cells = geometry_dofmap(bodies.mesh)
+    x = bodies.mesh.geometry.x[:, :dim] + VertexValues(simulation).displacement()
+    shown, owner = _cell_faces(bodies.mesh.topology.cell_name(), cells, x)
+    body = bodies.body_of_cell
+    total = [np.bincount(body, column) for column in x[cells].mean(axis=1).T]
+    middle = np.column_stack(total) / np.bincount(body)[:, None]
+    spread = simulation.scene.bodies.spread
+    if spread is None:
+        return x[shown], values[owner], middle
+    seen = x[shown], values[owner], bodies.parent_cell[owner], middle, bodies.labels
+    heard = spread.ranks.comm.gather(seen) or [seen]
+    faces, values, cell, middle, label = map(np.concatenate, zip(*heard, strict=True))
+    order = np.argsort(cell, kind="stable")
+    middles = np.full((first_rigid(simulation), dim), np.nan)
+    middles[label] = middle
+    return faces[order], values[order], middles
+
+
+def _drawn(simulation: Simulation) -> Bodies:
+    """The meshed bodies that are drawn, of a mesh that is spread over ranks this rank's."""
+    bodies = simulation.scene.bodies
+    return bodies if bodies.spread is None else simulation.bodies
 
 
 def _cell_faces(name: str, cells: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -172,18 +206,18 @@ def _chains(contacts: ContactForces, middles: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _values(
-    simulation: Simulation, colour: Colour, num_cells: int, contacts: ContactForces
+    simulation: Simulation, colour: Colour, contacts: ContactForces
 ) -> tuple[np.ndarray, str | None, dict[int, str]]:
-    """Values of the cells and then of the rigid bodies, what they are, names of kinds."""
-    num_rigid = len(simulation.scene.rigid)
+    """Values of the cells that are drawn, then of rigid bodies; what they are, names of kinds."""
+    bodies, num_rigid = simulation.scene.bodies, len(simulation.scene.rigid)
     names: dict[int, str] = {}
     if isinstance(colour, str):
         if colour not in _LABELS:
             raise ValueError(
                 f"colour should be one of {', '.join(_LABELS)}, or values; got {colour!r}."
             )
-        cells = np.full(num_cells, np.nan)
-        if num_cells:
+        cells = np.empty(0)
+        if bodies is not None:
             cells, names = _of_cells(simulation, colour, contacts)
         rigid = np.full(num_rigid, np.nan)
         if num_rigid:
@@ -191,35 +225,49 @@ def _values(
             if colour == "group":
                 names = dict(enumerate(simulation.rigid.bodies.groups)) | names
         return np.concatenate([cells, rigid]), _LABELS[colour], names
-    given = require_numbers("values", colour(simulation) if callable(colour) else colour)
-    if given.shape not in ((num_cells + num_rigid,), (num_cells,)):
+    given = colour(simulation) if callable(colour) else colour
+    num_cells = 0 if bodies is None else len(bodies.body_of_cell)
+    values = simulation.ranks.together(lambda: _checked_values(given, num_cells, num_rigid))
+    if bodies is not None and bodies.spread is not None:
+        values = np.concatenate([values[simulation.part.cells], values[num_cells:]])
+    return values, None, names
+
+
+def _checked_values(given: npt.ArrayLike, num_cells: int, num_rigid: int) -> np.ndarray:
+    """Values of one's own, of all cells and rigid bodies."""
+    values = require_numbers("values", given)
+    if values.shape not in ((num_cells + num_rigid,), (num_cells,)):
         some = f" (or ({num_cells},))" if num_cells and num_rigid else ""
         raise ValueError(
             f"values should be one a cell and then one a rigid body, shape "
-            f"({num_cells + num_rigid},){some}, got {given.shape}."
+            f"({num_cells + num_rigid},),{some}, got {values.shape}."
         )
-    missing = np.full(num_cells + num_rigid - len(given), np.nan)
-    return np.concatenate([given, missing]), None, names
+    missing = np.full(num_cells + num_rigid - len(values), np.nan)
+    return np.concatenate([values, missing])
 
 
 def _of_cells(
     simulation: Simulation, colour: str, contacts: ContactForces
 ) -> tuple[np.ndarray, dict[int, str]]:
-    """A quantity of each cell, NaN where cells have it not; names of kinds."""
-    scene = simulation.scene
-    cells = geometry_dofmap(scene.bodies.mesh)
+    """A quantity of each cell that is drawn, NaN where cells have it not; names of kinds."""
+    scene, bodies = simulation.scene, _drawn(simulation)
+    cells = geometry_dofmap(bodies.mesh)
     if colour == "speed":
         velocity = VertexValues(simulation).velocity()[cells].mean(axis=1)
         return np.linalg.norm(velocity, axis=1), {}
     if colour == "coordination":
-        return _coordination(contacts, scene.bodies.num_bodies)[scene.bodies.body_of_cell], {}
+        number = bodies.body_of_cell
+        if scene.bodies.spread is not None:
+            number = bodies.labels[number]
+        return _coordination(contacts, first_rigid(simulation))[number], {}
     if colour != "group":
         return np.full(len(cells), np.nan), {}
     surface = {tag: name for name, tags in scene.surfaces.items() for tag in tags}
-    tags, which = np.unique(scene.bodies.material_of_cell, return_inverse=True)
-    known = list(dict.fromkeys(surface.get(tag, f"material {tag}") for tag in tags.tolist()))
+    tags = sorted(scene.bodies.present.cells)
+    known = list(dict.fromkeys(surface.get(tag, f"material {tag}") for tag in tags))
     first = 0 if simulation.rigid is None else len(simulation.rigid.bodies.groups)
-    kinds = [first + known.index(surface.get(t, f"material {t}")) for t in tags.tolist()]
+    kinds = [first + known.index(surface.get(t, f"material {t}")) for t in tags]
+    which = np.searchsorted(tags, bodies.material_of_cell)
     return np.array(kinds, float)[which], dict(enumerate(known, first))
 
 
@@ -239,7 +287,7 @@ def _of_rigid(simulation: Simulation, colour: str, contacts: ContactForces) -> n
             return now - then
         return Rotation.from_matrix(now @ then.transpose(0, 2, 1)).magnitude()
     if colour == "coordination":
-        meshed = 0 if simulation.scene.bodies is None else simulation.scene.bodies.num_bodies
+        meshed = first_rigid(simulation)
         return _coordination(contacts, meshed + len(motion.bodies))[meshed:]
     return equal_diameters([body.shape for body in simulation.scene.rigid])
 

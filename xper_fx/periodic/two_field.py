@@ -29,11 +29,10 @@ from collections.abc import Mapping
 import numpy as np
 import numpy.typing as npt
 import scipy.linalg
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.force_balance import InBalance
+from xper_fx.bulk.rigid_motions import joined_groups
 from xper_fx.bulk.state import State
 from xper_fx.forms.dynamics import BulkForms
 from xper_fx.periodic.drive import MacroscopicDrive
@@ -53,6 +52,7 @@ class CellBulk(Bulk):
         inertia: whether the fluctuation has inertia; see `Bulk`.
         joined: pairs of bodies between which interactions act; see `Bulk`.
         ranks: ranks that divide the cell's bodies; see `Bulk`.
+        numbers: which of all bodies they are; see `Bulk`.
 
     Attributes:
         volume: |Omega| of the lattice, voids included, m^3 (2D: m^2).
@@ -70,6 +70,7 @@ class CellBulk(Bulk):
         inertia: bool = True,
         joined: npt.ArrayLike = (),
         ranks: Ranks = ALONE,
+        numbers: np.ndarray | None = None,
     ):
         self.drive = drive
         self.volume = abs(float(scipy.linalg.det(forms.bodies.lattice)))
@@ -81,7 +82,7 @@ class CellBulk(Bulk):
         self._compliance = np.zeros((len(self.free), len(self.free)))
         self._committed_compliance = self._compliance.copy()
         self._static = not inertia
-        super().__init__(forms, inertia=inertia, joined=joined, ranks=ranks)
+        super().__init__(forms, inertia=inertia, joined=joined, ranks=ranks, numbers=numbers)
         self.num_common = dim * dim
         self._refuse_pressing_the_incompressible()
         self._rounding = self._forces_of_rounding() if len(self.free) else 0.0
@@ -113,8 +114,9 @@ class CellBulk(Bulk):
         unknowns = self.unknowns
         num_bodies = int(self.ranks.sum(len(unknowns.offsets) - 1))
         if num_bodies > 1:
-            graph = coo_array((np.ones(len(joined)), tuple(joined.T)), shape=2 * (num_bodies,))
-            if connected_components(graph, directed=False)[0] == 1:
+            numbers = np.arange(num_bodies) if self._numbers is None else self._numbers
+            _, shared, here = joined_groups(joined, numbers, self.ranks)
+            if shared + self.ranks.sum(here - shared) == 1:
                 return True
             raise ValueError(
                 f"Without inertia every body should be held, and the cell has {num_bodies} bodies, "

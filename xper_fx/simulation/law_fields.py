@@ -73,7 +73,8 @@ def _on_facets(
     return Places(
         _of_three(x), _of_three(facets.normal[facet]), sides.T,
         facets.materials[facet].T, facets.measure[facet], facet,
-        *_among_the_laws(points, scene, place, law), place_of[facet], len(facets), count,
+        *_among_the_laws(points, scene, place, law), on_facet, place_of[facet],
+        len(facets), count, points.points_a_facet,
     )  # fmt: skip
 
 
@@ -99,7 +100,7 @@ def _elsewhere(like: Places, x: np.ndarray, normal: np.ndarray, area: np.ndarray
     pair = np.stack([none, none])
     return replace(
         like, x=_of_three(x), normal=_of_three(normal), bodies=pair, materials=pair, area=area,
-        facet=none, number=none, num_points=none, place=none,
+        facet=none, number=none, num_points=none, on_facet=none, place=none,
     )  # fmt: skip
 
 

@@ -205,8 +205,8 @@ class Model:
                 for tie in scene.ties
             ]
         joined = () if inertia else self._joined_bodies(ties)
+        numbers = self.part and scene.bodies.numbers_on_all(self.part.body_numbers)
         if scene.macroscopic is None:
-            numbers = self.part and scene.bodies.numbers_on_all(self.part.body_numbers)
             leaning = () if inertia else leaning_bodies(scene, self.bodies)
             bulk = Bulk(
                 forms, motions, scene.damping, inertia, joined, self.ranks, numbers, leaning
@@ -214,7 +214,7 @@ class Model:
             return bulk, ties
         from xper_fx.periodic.two_field import CellBulk
 
-        bulk = CellBulk(forms, scene.macroscopic, inertia, joined, self.ranks)
+        bulk = CellBulk(forms, scene.macroscopic, inertia, joined, self.ranks, numbers)
         if bulk.floating and not self.options.allows_one_system:
             raise ValueError(
                 "A static run of a periodic cell of several bodies takes the monolithic solver: "

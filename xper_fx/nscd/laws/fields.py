@@ -8,9 +8,10 @@ Any parameter of a law may be, in the place of a number,
   (2, n)), `materials` (cell tags of both sides, (2, n)) and `area` (of the facet, shape (n,), m^2;
   2D: m), named so; a function of one argument of another name takes x. It gives shape (n,) or a
   number;
-- an array with a value for each facing facet of the scene, in the order of `bodies.facets`, or for
-  each point of the law; of a mesh that is spread over ranks, for each facing facet that the rank
-  knows;
+- an array with a value for each facing facet of the scene, in the order of `bodies.facets`, shape
+  (num_facets,), or for each point of each of them, shape (num_facets, points of a facet), in the
+  order of `Bodies.facet_nodes`; of a mesh that is spread over ranks, of those facets that the rank
+  knows; of any other mesh also for each point of the law;
 - a scalar DOLFINx function, on whatever mesh covers the facets;
 - a random field of this module, with its seed.
 
@@ -52,11 +53,13 @@ class Places:
     #: of the point among those of its law on facing facets, on all ranks, shape (n,)
     number: np.ndarray
     num_points: np.ndarray  #: how many these are, shape (n,); -1 of a mesh that is spread
+    on_facet: np.ndarray  #: number of the point among those of its facet, shape (n,)
     #: of the facet among those of all ranks, sorted by midpoints as `facet` is on one rank,
     #: shape (n,); where a field draws numbers for facets
     place: np.ndarray
     num_facets: int  #: facing facets of the scene, of a mesh that is spread those known here
     num_places: int  #: facing facets of all ranks
+    points_a_facet: int  #: points that each facet has
 
     def __len__(self) -> int:
         return len(self.area)
@@ -153,20 +156,28 @@ def _of_array(name: str, values: np.ndarray, places: Places) -> np.ndarray:
             f"{name} is an array, and some points of the law are on ties or walls, which are no "
             "facets: give a function of x."
         )
-    if not len(places) or len(values) == places.num_facets:
+    if not len(places):
+        return np.zeros(0)
+    if values.shape == (places.num_facets,):
         return values[places.facet]
+    if values.shape == (places.num_facets, places.points_a_facet):
+        return values[places.facet, places.on_facet]
+    if values.shape == (places.num_points[0],):
+        return values[places.number]
+    many = f"{len(values)} values" if values.ndim == 1 else f"values of shape {values.shape}"
+    rows = (
+        f"or a row of {places.points_a_facet} for its points, shape ({places.num_facets}, "
+        f"{places.points_a_facet})"
+    )
     if places.num_points[0] < 0:
         raise ValueError(
-            f"{name} has {len(values)} values; of a mesh that is spread over ranks it should have "
-            f"one for each of the {places.num_facets} facing facets that this rank knows, in the "
-            "order of `bodies.facets`: of a table of the whole mesh, "
-            "table[bodies.facet_places()[0]]."
+            f"{name} has {many}; of a mesh that is spread over ranks it should have one for each "
+            f"of the {places.num_facets} facing facets that this rank knows, {rows}, in the order "
+            "of `bodies.facets`: of a table of the whole mesh, table[bodies.facet_places()[0]]."
         )
-    if len(values) == places.num_points[0]:
-        return values[places.number]
     raise ValueError(
-        f"{name} has {len(values)} values; it should have one for each of the {places.num_facets} "
-        f"facing facets of the scene, or for each of the {places.num_points[0]} points of the law."
+        f"{name} has {many}; it should have one for each of the {places.num_facets} facing facets "
+        f"of the scene, {rows}, or one for each of the {places.num_points[0]} points of the law."
     )
 
 

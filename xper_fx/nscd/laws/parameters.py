@@ -36,7 +36,7 @@ class Values:
     """An array over facets or points as a parameter; equal to itself alone.
 
     Attributes:
-        values: shape (num_facets,) or (num_points,).
+        values: shape (num_facets,), (num_facets, points of a facet) or (num_points,).
     """
 
     def __init__(self, values: np.ndarray):
@@ -44,7 +44,7 @@ class Values:
 
     def __repr__(self) -> str:
         low, high = self.values.min(initial=np.inf), self.values.max(initial=-np.inf)
-        return f"<{len(self.values)} values, {low:.6g} to {high:.6g}>"
+        return f"<{self.values.size} values, {low:.6g} to {high:.6g}>"
 
 
 def is_field(value: Any) -> bool:
@@ -116,10 +116,11 @@ def _is_positive(x: np.ndarray) -> np.ndarray:
 def _require(name: str, value: Any, is_right: Callable[..., Any], wanted: str) -> None:
     """Check a number, or an array; other fields are checked where their values are."""
     if isinstance(value, Values):
-        bad = np.flatnonzero(~is_right(value.values))
+        bad = np.argwhere(~is_right(value.values))
         if len(bad):
+            entry = ", ".join(map(str, bad[0]))
             raise ValueError(
-                f"{name} should be {wanted}, got {value.values[bad[0]]}, entry {bad[0]}."
+                f"{name} should be {wanted}, got {value.values[tuple(bad[0])]}, entry {entry}."
             )
     if is_field(value):
         return
@@ -157,7 +158,7 @@ def _taken(name: str, value: Any) -> Any:
         return value
     if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim):
         array = require_numbers(name, value)
-        if array.ndim != 1 or len(array) < 2:
+        if array.ndim not in (1, 2) or array.size < 2:
             raise ValueError(
                 f"{name} should be a number, or an array with one for each facet or point, got "
                 f"{str(value)[:60]} of shape {array.shape}."

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,9 +14,10 @@ from dolfinx.mesh import Mesh, MeshTags, meshtags
 from mpi4py import MPI
 
 from xper_fx.bodies.gmsh_session import gmsh_model
-from xper_fx.bodies.meshes import SerialOnlyError, read_gmsh
+from xper_fx.bodies.meshes import check_model, mesh_of_model
 from xper_fx.periodic.microstructure.tessellation import PieceFace, Tessellation
 from xper_fx.support.checks import require_kind, require_positive
+from xper_fx.support.ranks import Ranks
 
 __all__ = ["Microstructure", "mesh_tessellation"]
 
@@ -32,7 +34,8 @@ class Microstructure:
     Attributes:
         mesh: triangles or tetrahedra of first order.
         cell_tags: the phase of each cell.
-        grain: the grain of each cell, shape (num_cells,), int32, in the order of the mesh's cells.
+        grain: the grain of each cell, shape (num_cells,), int32, in the order of the mesh's cells;
+            where it is spread over ranks, of those that the rank owns.
         lattice: the period vectors as rows, shape (dim, dim), m. Each exterior facet of the mesh
             has one translate by a sum of them, and their vertices match up to rounding.
     """
@@ -63,24 +66,19 @@ def mesh_tessellation(
         tessellation: the grains.
         size: length of the cells' edges to aim at, m.
         phase: tag of each grain, shape (num_grains,), integers; by default 1 for all.
-        comm: communicator, of one process.
+        comm: MPI.COMM_SELF gives every rank the whole mesh; of MPI.COMM_WORLD the first rank makes
+            it, and DOLFINx spreads it over the ranks.
 
     Returns:
         The microstructure.
 
     Raises:
         ImportError: the Python module `gmsh` is missing.
-        SerialOnlyError: `comm` has several processes.
         TypeError: phases are no integers, the size is no number, or there is no tessellation.
         ValueError: the size is not positive and finite, or so small that cells are too many; there
             is not one phase for each grain; a phase does not fit into 32 bits.
         RuntimeError: Gmsh failed.
     """
-    if comm.size > 1:
-        raise SerialOnlyError(
-            f"comm has {comm.size} processes; microstructures are meshed on one for now: give "
-            "MPI.COMM_SELF, or run on one process."
-        )
     require_kind("tessellation", tessellation, Tessellation)
     size = require_positive("size", size)
     cells = math.prod(float(period) / size for period in tessellation.periods)
@@ -92,27 +90,41 @@ def mesh_tessellation(
     phase_of_grain = _checked_phase(phase, tessellation.num_grains)
     dim = tessellation.dim
     unit = 2.0 ** np.rint(np.log2(tessellation.periods.prod() / tessellation.num_grains) / dim)
-    with gmsh_model("xper_fx: tessellation", {"Mesh.MeshSizeMax": size / unit}) as gmsh:
-        model = _PeriodicModel(gmsh.model, tessellation, unit, size)
-        try:
-            model.build()
-            gmsh.model.mesh.generate(dim)
-        except Exception as error:  # gmsh raises bare Exception
-            raise RuntimeError(
-                f"Gmsh cannot mesh these {tessellation.num_grains} grains: {error}. Their shortest "
-                f"edge is {tessellation.shortest_edge:g} m, the size asked for {size:g} m: take "
-                "other seeds, or rid them of short edges (lengthen_short_edges)."
-            ) from error
-        model.match()
-        mesh, grain_tags, _ = read_gmsh(gmsh.model, dim, comm)
+    ranks = Ranks(comm)
+    with ExitStack() as stack:
+        model = ranks.together(
+            lambda: _meshed(stack, tessellation, size, unit) if ranks.rank == 0 else None
+        )
+        mesh, grain_tags, _ = mesh_of_model(model, dim, comm)
     mesh.geometry.x[:] *= unit  # a power of two: exact
     mesh.name = "microstructure"
-    grain = np.empty(len(grain_tags.values), dtype=np.int32)
-    grain[grain_tags.indices] = grain_tags.values - 1
-    cells = np.arange(len(grain), dtype=np.int32)
+    count = mesh.topology.index_map(dim).size_local
+    own = grain_tags.indices < count
+    grain = np.empty(count, dtype=np.int32)
+    grain[grain_tags.indices[own]] = grain_tags.values[own] - 1
+    cells = np.arange(count, dtype=np.int32)
     cell_tags = meshtags(mesh, dim, cells, phase_of_grain[grain])
     cell_tags.name = "cell_tags"
     return Microstructure(mesh, cell_tags, grain, tessellation.lattice)
+
+
+def _meshed(stack: ExitStack, tessellation: Tessellation, size: float, unit: float) -> Any:
+    """Return a Gmsh model of the mesh, of lengths divided by `unit`, that the stack closes."""
+    options = {"Mesh.MeshSizeMax": size / unit}
+    gmsh = stack.enter_context(gmsh_model("xper_fx: tessellation", options))
+    model = _PeriodicModel(gmsh.model, tessellation, unit, size)
+    try:
+        model.build()
+        gmsh.model.mesh.generate(tessellation.dim)
+    except Exception as error:  # gmsh raises bare Exception
+        raise RuntimeError(
+            f"Gmsh cannot mesh these {tessellation.num_grains} grains: {error}. Their shortest "
+            f"edge is {tessellation.shortest_edge:g} m, the size asked for {size:g} m: take "
+            "other seeds, or rid them of short edges (lengthen_short_edges)."
+        ) from error
+    model.match()
+    check_model(gmsh.model, tessellation.dim, "The Gmsh model")
+    return gmsh.model
 
 
 def _checked_phase(phase: npt.ArrayLike | None, num_grains: int) -> npt.NDArray[np.int32]:
