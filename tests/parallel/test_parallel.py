@@ -13,7 +13,7 @@ from scenes import COMM, EXACT, LEFT, RIGHT, box_bodies
 from xper_fx.forms.loads import PrescribedVelocity
 from xper_fx.materials import LinearElastic
 from xper_fx.nscd.laws import CohesiveZone
-from xper_fx.parallel.division import partition_bodies
+from xper_fx.parallel.division import none_empty, partition_bodies
 from xper_fx.parallel.local_bodies import divide
 from xper_fx.parallel.ownership import owners_by_facet, owners_by_vertex
 from xper_fx.parallel.turns import phases_of_rows
@@ -64,12 +64,13 @@ def test_heavy_pairs_stay_together():
     assert not np.any(rank[pairs[rows, 0]] != rank[pairs[rows, 1]])
 
 
-def test_every_rank_has_a_body():
+def test_every_rank_has_a_body_while_there_are_any():
     pairs = np.array([[0, 1], [1, 2], [2, 3]])
-    rank = partition_bodies(np.array([100, 1, 1, 1]), pairs, np.ones(3, int), 4)
-    assert sorted(rank) == [0, 1, 2, 3]
-    with pytest.raises(ValueError, match="4 bodies for 5 ranks"):
-        partition_bodies(np.array([100, 1, 1, 1]), pairs, np.ones(3, int), 5)
+    for count in (4, 6):
+        rank = partition_bodies(np.array([100, 1, 1, 1]), pairs, np.ones(3, int), count)
+        assert sorted(rank) == [0, 1, 2, 3]
+    assert none_empty(np.array([2, 2, 2]), 4).tolist() == [2, 1, 0]
+    assert none_empty(np.array([0, 4]), 5).tolist() == [0, 4]
 
 
 def test_a_body_has_one_holder_in_a_phase():

@@ -109,7 +109,6 @@ def test_what_does_not_fit_is_refused_on_all_ranks(folder):
             r"ValueError: strength has 9 values; .* spread over ranks it should have one for each",
             "ValueError: initial_velocity is not finite at",
             "ValueError: .*strength",
-            "ValueError: Rank 1 of 3 gets none of the bodies",
             r"ValueError: bodies\[0\] is -1",
             r"ValueError: .* of \d+ nodes on the cell's boundary have no translate",
             "CheckpointError: .* of another scene: its mesh was whole on each rank, .* is not",

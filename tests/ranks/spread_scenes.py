@@ -287,7 +287,6 @@ def wrong() -> list[str]:
         ),
         lambda: Simulation(replace(scene, initial_velocity=holed), **options),
         lambda: Simulation(replace(scene, default_interaction=holed_bond), **options),
-        lambda: xf.explode(mesh, np.zeros(own, int)),
         lambda: xf.explode(mesh, np.full(own, -WORLD.rank)),
         lambda: xf.explode(mesh, lattice=(2.0, 0.5)),
         lambda: Simulation(scene, **options).restore(one_state),

@@ -186,7 +186,7 @@ def test_ties_and_subdomains_go_together():
     run(simulation, 1)
     assert simulation.scene.bodies.num_bodies == 4
     assert error_of_tension(simulation) < 1e-10
-    with pytest.raises(ValueError, match=r'are of several bodies: take rule="nodes"'):
+    with pytest.raises(ValueError, match=r'of several bodies \(1 such nodes\): take rule="nodes"'):
         tied(tie=Tie(*FINE, PerfectBond()), **nested)
 
 

@@ -14,13 +14,14 @@ import numpy.typing as npt
 from dolfinx.mesh import Mesh
 
 from xper_fx.bodies.keepers import Keepers
+from xper_fx.bodies.meshes import facets_of_cells
 from xper_fx.support.compat import geometry_dofmap
 from xper_fx.support.ranks import Ranks
 
 # Share of a cell and of a facing facet in the work of a body.
 CELL, FACET = 1, 2
 # Most work of a rank, over the mean, up to which bodies stay if each rank has some; what other
-# shares must make of it.
+# shares, which no fewer ranks have, must make of it.
 _UNLIKE, _WORTH = 1.15, 0.95
 # Halvings that find where a part is cut; by how much cuts lean, for bodies side by side to part.
 _HALVINGS, _LEAN = 50, 1e-3
@@ -57,20 +58,18 @@ def rank_of_bodies(
         cosine, sine = np.split(middle, 2, axis=1)
         middle = np.arctan2(sine, cosine) / (2.0 * np.pi) % 1.0 @ lattice
     load = _loads(ranks, rank, work)
-    bare = load.min() == 0.0
-    if bare or load.max() > _UNLIKE * load.mean():
+    if load.max() > _UNLIKE * load.mean() or not load.all():
         other = _bisected(ranks, middle, work)
         others = _loads(ranks, other, work)
-        if others.min() > 0.0 and (bare or others.max() < _WORTH * load.max()):
+        gained = np.count_nonzero(others) - np.count_nonzero(load)  # ranks that have bodies
+        if gained > 0 or gained == 0 and others.max() < _WORTH * load.max():
             rank = other
     return keepers.answer(rank).astype(np.int32)[body]
 
 
 def _work(mesh: Mesh, body: np.ndarray) -> np.ndarray:
     """Work of each own cell; facets between cells of two ranks are left out."""
-    tdim = mesh.topology.dim
-    facets = mesh.topology.connectivity(tdim, tdim - 1).array
-    facets = facets.reshape(-1, len(facets) // len(geometry_dofmap(mesh)))[: len(body)]
+    facets = facets_of_cells(mesh)[: len(body)]
     low = np.full(facets.max(initial=-1) + 1, len(body))
     high = np.full(len(low), -1)
     np.minimum.at(low, facets, body[:, None])

@@ -27,6 +27,7 @@ from xper_fx.bodies.meshes import (
     check_mesh,
     facet_cells,
     facet_geometry_nodes,
+    facets_of_cells,
     local_facet_vertices,
     midpoints_of,
     reference_cell,
@@ -255,7 +256,7 @@ class Bodies:
 
         count = V.dofmap.index_map.size_local
         pairs = self.nodes_on_facets(V, self.ties).transpose(1, 0, 2).reshape(2, -1)
-        if self.lattice is not None:
+        if self.lattice is not None and count:
             pairs = np.concatenate([pairs, self._translates_within_bodies(V)], axis=1)
         graph = coo_array((np.ones(pairs.shape[1]), tuple(pairs)), shape=(count, count))
         number, label = connected_components(graph, directed=False)
@@ -406,7 +407,7 @@ def explode(
         TypeError: `bodies`, `cell_tags`, `facet_tags` or `voids` is of the wrong type.
         ValueError: labels or tags do not fit the mesh; a cell is degenerate; a facet is shared
             by three cells; two cells overlap at a facet; the geometry is not first order; facets
-            of a periodic cell's boundary have no translate; a rank that gets no body.
+            of a periodic cell's boundary have no translate.
     """
     spread = isinstance(mesh, Mesh) and mesh.comm.size > 1
     check_mesh(mesh, spread=spread)
@@ -543,11 +544,10 @@ def _explode_share(
         tagged, tag = _facet_tag_array(facet_tags, mesh)
         tag_of_facet = np.full(len(tag), UNTAGGED, np.int32)
         tag_of_facet[tagged] = tag[tagged]
-        facets = mesh.topology.connectivity(tdim, tdim - 1).array
         return (
             None if isinstance(bodies, str) else labels[body],
             _materials(cell_tags, mesh, count),
-            tag_of_facet[facets.reshape(-1, len(local_facet_vertices(mesh)))[:count]],
+            tag_of_facet[facets_of_cells(mesh)[:count]],
         )
 
     label, material, facet_tag = ranks.together(checked)
@@ -563,15 +563,9 @@ def _explode_share(
         if given is not None:
             tags.name = given.name
 
-    def cut() -> Bodies:
-        if not np.any(cells.rank == ranks.rank):
-            raise ValueError(
-                f"Rank {ranks.rank} of {ranks.size} gets none of the bodies, each of which is "
-                "whole on the rank that has most of its cells: take fewer ranks or smaller bodies."
-            )
-        return _cut(cells.mesh, cells.label, cells.cell_tags, cells.facet_tags, lattice, pairs)
-
-    known = ranks.together(cut)
+    known = ranks.together(
+        lambda: _cut(cells.mesh, cells.label, cells.cell_tags, cells.facet_tags, lattice, pairs)
+    )
     rank_of_cell = cells.rank[known.parent_cell]
     rank_of_body = np.empty(known.num_bodies, np.int32)
     rank_of_body[known.body_of_cell] = rank_of_cell
@@ -683,15 +677,11 @@ def _exploded_facet_tags(
     A cell has the same vertices in the same order in both meshes, hence the same local facets.
     """
     tdim = mesh.topology.dim
-    exploded.topology.create_connectivity(tdim, tdim - 1)
-    exploded.topology.create_connectivity(tdim - 1, tdim)
-    facets_of_cell = exploded.topology.connectivity(tdim, tdim - 1).array
-    facets_of_cell = facets_of_cell.reshape(len(new_cell), -1)
     cells, local = cells_of_facet
     facets, tag = tagged
     cells, local = cells[facets], local[facets]
     there = cells >= 0
-    copies = facets_of_cell[new_cell[cells[there]], local[there]]
+    copies = facets_of_cells(exploded)[new_cell[cells[there]], local[there]]
     values = np.broadcast_to(tag[facets, np.newaxis], cells.shape)[there]
     copies, first = np.unique(copies, return_index=True)
     return meshtags(exploded, tdim - 1, copies.astype(np.int32), values[first].astype(np.int32))

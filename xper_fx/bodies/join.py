@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import Mesh, MeshTags, meshtags
 
-from xper_fx.bodies.meshes import check_mesh, facet_cells
+from xper_fx.bodies.meshes import check_mesh, facet_cells, facets_of_cells
 from xper_fx.support.checks import require_kind
 from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
 
@@ -67,9 +67,7 @@ def join_meshes(
     joined = create_exploded_mesh(meshes[0], cells, points)
     sizes = [mesh.topology.index_map(dim).size_local for mesh in meshes]
     tag = np.ones(len(cells), np.int32)
-    joined.topology.create_connectivity(dim, dim - 1)
-    joined.topology.create_connectivity(dim - 1, dim)
-    facets_of_cell = joined.topology.connectivity(dim, dim - 1).array.reshape(len(cells), -1)
+    facets_of_cell = facets_of_cells(joined)
     facets, values = [np.zeros(0, np.int32)], [np.zeros(0, np.int32)]
     first = 0
     for mesh, size, of_cells, of_facets in zip(meshes, sizes, cell_tags, facet_tags, strict=True):

@@ -416,7 +416,7 @@ def check_mesh(mesh: Mesh, geometry: bool = True, spread: bool = False) -> None:
         TypeError: it is no mesh.
         SerialOnlyError: it is spread over several processes and may not be.
         ValueError: its cells are of an unknown type or of higher order, it is curved in space, it
-            has no cells here, or a cell is degenerate or folded.
+            has no cells, or a cell is degenerate or folded.
     """
     if not isinstance(mesh, Mesh):
         raise TypeError(f"mesh is a {type(mesh).__name__}; expected dolfinx.mesh.Mesh.")
@@ -438,9 +438,8 @@ def _check_share(mesh: Mesh, geometry: bool) -> None:
         raise ValueError(
             f"The mesh has a geometry of order {degree}; expected order 1, straight edges."
         )
-    if mesh.topology.index_map(tdim).size_local == 0:
-        where = "" if mesh.comm.size == 1 else f" on rank {mesh.comm.rank}: take fewer ranks"
-        raise ValueError(f"The mesh has no cells{where}.")
+    if mesh.topology.index_map(tdim).size_global == 0:
+        raise ValueError("The mesh has no cells.")
     if geometry:
         _check_cells(mesh)
 
@@ -533,6 +532,18 @@ def facet_geometry_nodes(
     return geometry_dofmap(mesh)[cells[:, np.newaxis], local_facet_vertices(mesh)[local_facets]]
 
 
+def facets_of_cells(mesh: Mesh) -> npt.NDArray[np.int32]:
+    """Return the facets of each cell that is known here, shape (num_cells, num_facets), int32.
+
+    Cells and facets are connected both ways, as tags of facets need it.
+    """
+    tdim = mesh.topology.dim
+    mesh.topology.create_connectivity(tdim - 1, tdim)
+    mesh.topology.create_connectivity(tdim, tdim - 1)
+    facets = mesh.topology.connectivity(tdim, tdim - 1).array
+    return facets.reshape(-1, len(local_facet_vertices(mesh)))
+
+
 def facet_cells(mesh: Mesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
     """Return the cells of every facet.
 
@@ -546,9 +557,7 @@ def facet_cells(mesh: Mesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32
     Raises:
         ValueError: a facet is shared by more than two cells.
     """
-    tdim = mesh.topology.dim
-    mesh.topology.create_connectivity(tdim - 1, tdim)
-    mesh.topology.create_connectivity(tdim, tdim - 1)
+    tdim, facets_of_cell = mesh.topology.dim, facets_of_cells(mesh)
     to_cells = mesh.topology.connectivity(tdim - 1, tdim)
     offsets, links = to_cells.offsets, to_cells.array
     count = np.diff(offsets)
@@ -565,8 +574,6 @@ def facet_cells(mesh: Mesh) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32
     cells[:, 0] = links[offsets[:-1]]
     inner = count == 2
     cells[inner, 1] = links[offsets[:-1][inner] + 1]
-    to_facets = mesh.topology.connectivity(tdim, tdim - 1)
-    facets_of_cell = to_facets.array.reshape(to_facets.num_nodes, -1)
     local = np.full(cells.shape, -1, dtype=np.int32)
     facets = np.arange(len(count))[:, np.newaxis]
     local[:, 0] = np.argmax(facets_of_cell[cells[:, 0]] == facets, axis=1)

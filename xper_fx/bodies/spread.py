@@ -18,6 +18,7 @@ import numpy.typing as npt
 from dolfinx.mesh import Mesh, MeshTags, meshtags
 
 from xper_fx.bodies.even_shares import rank_of_bodies
+from xper_fx.bodies.meshes import facets_of_cells
 from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
 from xper_fx.support.ranks import Ranks
 
@@ -101,8 +102,7 @@ def known_cells(
     at[place.ravel()] = x.reshape(-1, tdim)
     known = create_exploded_mesh(mesh, place.reshape(nodes.shape), at, number)
     known.name = mesh.name
-    known.topology.create_connectivity(tdim, tdim - 1)
-    facets = known.topology.connectivity(tdim, tdim - 1).array.reshape(facet_tag.shape)
+    facets = facets_of_cells(known)
     tagged = facet_tag != UNTAGGED
     bearing, first = np.unique(facets[tagged], return_index=True)
     every = np.arange(len(number), dtype=np.int32)

@@ -27,9 +27,9 @@ class BodyLayout:
 
     @property
     def uniform(self) -> bool:
-        """Whether all bodies have the same number of nodes, few enough to invert at once."""
-        sizes = np.diff(self.offsets)
-        return bool(np.all(sizes == sizes[0])) and int(sizes[0]) * self.dim <= 96
+        """Whether there are bodies, of the same number of nodes, few enough to invert at once."""
+        sizes = np.unique(np.diff(self.offsets))
+        return len(sizes) == 1 and int(sizes[0]) * self.dim <= 96
 
     @cached_property
     def prescribed_dofs(self) -> np.ndarray:

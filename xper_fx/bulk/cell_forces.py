@@ -113,7 +113,7 @@ class CellForces:
     def of(cls, stiffness: BlockMatrix, V: FunctionSpace) -> CellForces | None:
         """What stands for a stiffness; None where bodies are not of one simplex of order 1 each.
 
-        So it is where rounding leaves gradients and moduli too far from K.
+        So it is where there are no bodies, or rounding leaves gradients and moduli too far from K.
 
         Args:
             stiffness: K on the nodes of V, in blocks of dim x dim.
@@ -122,7 +122,7 @@ class CellForces:
         cells, dim = V.dofmap.list, V.dofmap.index_map_bs
         num_cells, size = cells.shape
         one_simplex = size == dim + 1 and V.mesh.topology.cell_name() in ("triangle", "tetrahedron")
-        alone = one_simplex and cells.size * dim == stiffness.size
+        alone = one_simplex and 0 < cells.size * dim == stiffness.size
         if not alone or not np.array_equal(cells.ravel(), np.arange(cells.size)):
             return None
         x = V.tabulate_dof_coordinates()[:, :dim]

@@ -276,7 +276,7 @@ class CoupledStep:
         with self._stopwatch.phase("bulk matrix"):
             displacement = self._equations.displacement(self.velocity)
             matrix = self._matrices.of_bulk(self.step, displacement)
-            self.stiffest = float(np.abs(matrix.data).max())
+            self.stiffest = float(np.abs(matrix.data).max(initial=0.0))
         with self._stopwatch.phase("point tangents"):
             stiffness = [] if self.tangents is None else self._springs()
         with self._stopwatch.phase("factorisation"):

@@ -19,7 +19,12 @@ def largest_eigenvalue(stiffness: BlockMatrix, mass: np.ndarray, layout: BodyLay
     Args:
         stiffness: K on the nodes, in blocks of dim x dim.
         mass: lumped, a dof (kg; 2D: kg/m), those of the nodes first.
+
+    Returns:
+        0 without bodies.
     """
+    if not layout.num_bodies:
+        return 0.0
     if layout.uniform:
         return _largest_of_bodies(stiffness, mass, layout)
     import scipy.sparse as sp

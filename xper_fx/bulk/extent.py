@@ -10,8 +10,7 @@ from xper_fx.bulk.bulk import Bulk
 
 def extent(bulk: Bulk) -> float:
     """Longest side of the box around the bodies of all ranks at the start (m)."""
-    x = bulk.forms.bodies.mesh.geometry.x
-    low, high = -bulk.ranks.max(-x.min(axis=0)), bulk.ranks.max(x.max(axis=0))
+    low, high = bulk.ranks.box(bulk.forms.bodies.mesh.geometry.x)
     return float((high - low).max())
 
 

@@ -117,7 +117,8 @@ def _anchored_motions(
     """Anchors, shape (n,), and the rigid motions that move one of them each, (num_dofs, n)."""
     acts = np.zeros(len(layout.nodes), bool)
     acts[interacting] = True
-    chosen, rows, columns, values, count = [], [], [], [], 0
+    none = np.zeros(0, np.int64)
+    chosen, rows, columns, values, count = [none], [none], [none], [np.zeros(0)], 0
     for body, (first, last) in enumerate(zip(layout.offsets[:-1], layout.offsets[1:], strict=True)):
         nodes = layout.nodes[first:last]
         dofs = layout.dofs(nodes)

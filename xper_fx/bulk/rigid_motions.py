@@ -78,8 +78,9 @@ def loose_bodies(
     reach = of_all(reach, ranks.max)
     motions = _motions(arm / reach[group_of_node, None]) * held[:, :, None]
     grams = np.einsum("ncm,nck->nmk", motions, motions)
-    shape = (num_groups, *grams.shape[1:])
-    grams = of_all((collect @ grams.reshape(count, -1)).reshape(shape), ranks.sum)
+    square = grams.shape[1:]
+    rows = collect @ grams.reshape(count, np.prod(square))
+    grams = of_all(rows.reshape(num_groups, *square), ranks.sum)
     free = _not_held(np.linalg.eigvalsh(grams)).sum(axis=1)
 
     first = np.full(num_groups, np.inf)

@@ -37,9 +37,10 @@ class ShapeGradients(NamedTuple):
         """
         mesh, dofmap = V.mesh, V.dofmap.list
         same = mesh.ufl_domain().is_piecewise_linear_simplex_domain()
-        inverse = compiled_expression(ufl.JacobianInverse(mesh), points[:1] if same else points)
+        places = points[:1] if same else points
+        inverse = compiled_expression(ufl.JacobianInverse(mesh), places)
         dim, cells = mesh.geometry.dim, np.arange(len(dofmap), dtype=np.int32)
-        inverses = inverse.eval(mesh, cells).reshape(len(cells), -1, dim, dim)
+        inverses = inverse.eval(mesh, cells).reshape(len(cells), len(places), dim, dim)
         table = V.sub(0).element.basix_element.tabulate(1, points)[1:, :, :, 0]
         return cls(dofmap, inverses, np.ascontiguousarray(table.transpose(1, 0, 2)))
 

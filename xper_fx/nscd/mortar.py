@@ -50,6 +50,24 @@ _APART, _SLIVER = 1e-6, 1e-9
 _UNCOVERED = 1e-6
 
 
+class MisfitError(ValueError):
+    """Surfaces that do not fit each other at some facets or nodes.
+
+    Args:
+        kind: of what is wrong: that of a lower kind is told first.
+        first: nodes of the first place, in whose order places are on all ranks.
+        count: of the places.
+        text: what is wrong at the first, with {} for the count.
+    """
+
+    def __init__(self, kind: int, first: list[int], count: int, text: str):
+        super().__init__(kind, first, count, text)
+        self.kind, self.first, self.count, self.text = kind, first, count, text
+
+    def __str__(self) -> str:
+        return self.text.format(self.count)
+
+
 class TiedSurface(NamedTuple):
     """Facets of a surface, with all that points on them ask for."""
 
@@ -112,8 +130,9 @@ def nonmatching_points(
         One point a candidate node, in ascending order of nodes; without gap.
 
     Raises:
-        ValueError: facets that are neither segments nor triangles, candidates not covered by the
-            antagonists, or (mortar) several bodies around a candidate node.
+        ValueError: facets that are neither segments nor triangles.
+        MisfitError: candidates not covered by the antagonists, or several bodies around a candidate
+            node (mortar).
     """
     dim = x.shape[1]
     for nodes in (candidates, antagonists):
@@ -136,10 +155,12 @@ def nonmatching_points(
     others, share = _by_rows(weights)
     mixed = np.any((body[others] != body[others[:, :1]]) & (share != 0.0), axis=1)
     if np.any(mixed):
-        raise ValueError(
-            f"The antagonists around the candidate node at {x[nodes[np.argmax(mixed)]].tolist()} "
-            'are of several bodies: take rule="nodes", or swap candidates and antagonists.'
-        )
+        first = nodes[np.argmax(mixed)]
+        raise MisfitError(
+            1, [int(first)], np.count_nonzero(mixed),
+            f"The antagonists around the candidate node at {x[first].tolist()} are of several "
+            'bodies ({} such nodes): take rule="nodes", or swap candidates and antagonists.',
+        )  # fmt: skip
     turned = np.zeros((len(nodes), dim))
     np.add.at(turned, place.ravel(), np.repeat(-normal * measure[:, None], dim, axis=0))
     turned /= np.linalg.norm(turned, axis=1, keepdims=True)
@@ -257,13 +278,14 @@ def _mortar(x, candidates, antagonists, normal, measure, place, count) -> sp.csr
     covered = np.bincount(facet, weight, minlength=len(candidates))
     bare = np.flatnonzero(np.abs(covered - measure) > _UNCOVERED * measure)
     if bare.size:
-        share = covered[bare[0]] / measure[bare[0]]
-        raise ValueError(
-            f"The antagonists cover {100.0 * share:.4g} % of the candidate facet at "
-            f"{x[candidates[bare[0]]].mean(axis=0).tolist()} ({bare.size} such facets): the "
-            "candidates should lie within the antagonists, which touch them; tag fewer facets or "
-            "swap the sides."
-        )
+        first = bare[np.lexsort(candidates[bare].T[::-1])[0]]
+        raise MisfitError(
+            0, candidates[first].tolist(), bare.size,
+            f"The antagonists cover {100.0 * covered[first] / measure[first]:.4g} % of the "
+            f"candidate facet at {x[candidates[first]].mean(axis=0).tolist()} ({{}} such facets): "
+            "the candidates should lie within the antagonists, which touch them; tag fewer facets "
+            "or swap the sides.",
+        )  # fmt: skip
     psi = (dim + 1) * own - 1.0
     rows = np.repeat(place[facet], dim, axis=1)
     columns = np.tile(antagonists[opposite], (1, dim))
@@ -298,11 +320,13 @@ def _collocated(x, nodes, antagonists) -> sp.csr_array:
     found, first = np.unique(row, return_index=True)
     missing = np.setdiff1d(np.arange(len(nodes)), found[wrong[first] <= _APART])
     if missing.size:
-        raise ValueError(
-            f"No antagonist facet holds the candidate node at {x[nodes[missing[0]]].tolist()} "
-            f"({missing.size} such nodes): the candidates should lie within the antagonists, which "
-            "touch them; tag fewer facets or swap the sides."
-        )
+        first = nodes[missing[0]]
+        raise MisfitError(
+            0, [int(first)], missing.size,
+            f"No antagonist facet holds the candidate node at {x[first].tolist()} ({{}} such "
+            "nodes): the candidates should lie within the antagonists, which touch them; tag fewer "
+            "facets or swap the sides.",
+        )  # fmt: skip
     shape = np.where(np.abs(shape[first]) < _SLIVER, 0.0, shape[first])
     shape /= shape.sum(axis=1, keepdims=True)
     entries = (np.repeat(found, x.shape[1]), antagonists[facet[first]].ravel())

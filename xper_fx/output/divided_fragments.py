@@ -62,4 +62,5 @@ class DividedRows:
     def at(self, rows: np.ndarray, label: np.ndarray) -> np.ndarray:
         """As of `WholeRows`, of the rows of all ranks."""
         here = self._keepers.answer(rows)
+        here = np.concatenate([here, np.zeros_like(here, shape=(1, *here.shape[1:]))])  # of none
         return here[np.where(label < 0, -1, np.searchsorted(self._here, label))]

@@ -151,7 +151,7 @@ class FieldSeries:
     def _numbers(self) -> dict[str, dict[str, np.ndarray]]:
         """Numbers of points and cells of each series, which no partition decides."""
         bodies, points, team = self._bodies, self._simulation.model.points, self._simulation.team
-        vertices = 1 + int(team.max(bodies.parent_vertex.max()))
+        vertices = 1 + int(team.max(bodies.parent_vertex.max(initial=0)))
         node = bodies.labels.astype(np.int64)[self._body_of_node()] * vertices
         numbers = {
             "bulk": {"point": node + bodies.parent_vertex, "cell": bodies.parent_cell.astype(int)}

@@ -115,7 +115,7 @@ class SharedCoupledSystem(CoupledSystem):
         slots = np.zeros(self._num_slot_dofs)
         slots[self._ghosts] = product[self._own :]
         self._halo.everywhere.add_back(slots)
-        product = product[: self._own]
+        product = product[: self._own].astype(float, copy=False)  # of no rows: whole numbers
         product[self._of_slots] += slots[: len(self._of_slots)]
         if self._common.start < self._own:
             product[self._common] = self._ranks.sum(product[self._common])

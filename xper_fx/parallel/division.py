@@ -35,18 +35,12 @@ def partition_bodies(
         num_ranks: number of ranks.
 
     Returns:
-        The rank of each body, shape (num_bodies,), int32; every rank has some. It depends on the
-        arguments alone.
-
-    Raises:
-        ValueError: fewer bodies than ranks.
+        The rank of each body, shape (num_bodies,), int32. Every rank has some; of fewer bodies
+        than ranks the first ranks have one each. It depends on the arguments alone.
     """
     count = len(weights)
     if count < num_ranks:
-        raise ValueError(
-            f"The scene has {count} bodies for {num_ranks} ranks, and a body is whole on a rank: "
-            f"run on at most {count} ranks."
-        )
+        return np.arange(count, dtype=np.int32)
     if num_ranks == 1:
         return np.zeros(count, np.int32)
     rank_of_body = _scotch(np.asarray(weights), _graph(pairs, exchanged, count), num_ranks)
@@ -138,9 +132,10 @@ def _scotch(weights, adjacency, num_ranks: int) -> np.ndarray:
 
 
 def none_empty(rank_of_body: np.ndarray, num_ranks: int) -> np.ndarray:
-    """Give each rank that has nothing a body of the rank that has most."""
+    """Give each rank that has nothing, while there are any, a body of the rank that has most."""
     sizes = np.bincount(rank_of_body, minlength=num_ranks)
-    for rank in np.flatnonzero(sizes == 0):
+    spare = len(rank_of_body) - np.count_nonzero(sizes)
+    for rank in np.flatnonzero(sizes == 0)[:spare]:
         largest = int(np.argmax(sizes))
         rank_of_body[np.flatnonzero(rank_of_body == largest)[-1]] = rank
         sizes[largest] -= 1

@@ -88,14 +88,14 @@ def own_surface(bodies: Bodies, V, groups, rank: int) -> OwnSurface:
     whole, facet = numbered_surface(bodies, V, groups)
     dofs = V.dofmap.list
     k, dim = dofs.shape[1], whole.dim
-    cells = bodies.spread.num_cells
-    if max(cells * k, 36 * cells if dim == 3 else 0, int(bodies.labels.max())) >= MOST:
+    cells, last = bodies.spread.num_cells, int(bodies.labels.max(initial=0))
+    if max(cells * k, 36 * cells if dim == 3 else 0, last) >= MOST:
         raise ValueError(
             "Searched contacts take labels of bodies below 2^30, and meshes of fewer than "
             f"{MOST // (36 if dim == 3 else k)} cells; there are {cells} cells, and labels up to "
-            f"{bodies.labels.max()}."
+            f"{last}."
         )
-    number = np.full(int(dofs.max()) + 1, np.iinfo(np.int64).max)
+    number = np.full(int(dofs.max(initial=-1)) + 1, np.iinfo(np.int64).max)
     np.minimum.at(number, dofs, bodies.parent_cell[:, None].astype(np.int64) * k + np.arange(k))
     body = np.zeros(len(number), np.int64)
     body[dofs] = bodies.body_of_cell[:, None]

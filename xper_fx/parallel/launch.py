@@ -6,16 +6,12 @@ from __future__ import annotations
 import os
 import signal
 import sys
-import time
-import traceback
 from collections.abc import Callable
 
 from mpi4py import MPI
 
 from xper_fx.support.compiling_note import note_compiling
-
-# Seconds that a rank leaves to those before it, which may be about to say the same.
-_GRACE, _TURN, _LONGEST = 1.0, 0.2, 10.0
+from xper_fx.support.ranks import end_all
 
 
 def run_together(main: Callable[[], object]) -> None:
@@ -45,12 +41,7 @@ def run_together(main: Callable[[], object]) -> None:
         try:
             main()
         except Exception:
-            if comm.rank > 0:
-                time.sleep(min(_GRACE + _TURN * comm.rank, _LONGEST))
-            terminal.write(f"Rank {comm.rank} of {comm.size} failed:\n")
-            traceback.print_exc(file=terminal)
-            terminal.flush()
-            comm.Abort(1)
+            end_all(comm, terminal)
         finally:
             sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__
 

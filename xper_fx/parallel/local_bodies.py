@@ -14,6 +14,7 @@ from dolfinx.mesh import meshtags
 
 from xper_fx.bodies.even_shares import CELL, FACET
 from xper_fx.bodies.explode import Bodies, CellFacets, FacingFacets
+from xper_fx.bodies.meshes import facets_of_cells
 from xper_fx.parallel.division import partition_bodies
 from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
 from xper_fx.support.ranks import Ranks
@@ -50,15 +51,16 @@ def divide(
             should be on one rank.
         rank_of_body: shape (num_bodies,), as they are to be divided; None where that is to be
             found.
-
-    Raises:
-        ValueError: fewer bodies than ranks.
     """
     if bodies.spread is not None:
         return _take(bodies, bodies.spread.rank_of_body, ranks.rank)
     if rank_of_body is None:
-        near = neighbours(bodies) if touching else np.zeros((0, 2), np.int64)
-        rank_of_body = ranks.comm.bcast(bodies_by_rank(bodies, ranks.size, near))
+
+        def found() -> np.ndarray:
+            near = neighbours(bodies) if touching else None
+            return bodies_by_rank(bodies, ranks.size, near)
+
+        rank_of_body = ranks.from_first(found)
     return _take(bodies, rank_of_body, ranks.rank)
 
 
@@ -107,9 +109,10 @@ def _take(bodies: Bodies, rank_of_body: np.ndarray, rank: int) -> LocalBodies:
     cells = np.flatnonzero(own[bodies.body_of_cell])
     whole = bodies.mesh
     tdim = whole.topology.dim
-    nodes, numbered = np.unique(geometry_dofmap(whole)[cells], return_inverse=True)
+    dofmap = geometry_dofmap(whole)[cells]
+    nodes, numbered = np.unique(dofmap, return_inverse=True)
     x = whole.geometry.x[nodes, : whole.geometry.dim]
-    mesh = create_exploded_mesh(whole, numbered.reshape(len(cells), -1), x)
+    mesh = create_exploded_mesh(whole, numbered.reshape(dofmap.shape), x)
     mesh.name = whole.name
     cell_of = np.full(len(bodies.body_of_cell), -1, np.int32)
     cell_of[cells] = np.arange(len(cells), dtype=np.int32)
@@ -147,17 +150,11 @@ def _take(bodies: Bodies, rank_of_body: np.ndarray, rank: int) -> LocalBodies:
 def _facet_tags(bodies: Bodies, mesh, cells: np.ndarray):
     """Tags of the facets of some cells, which have the same facets in the same order."""
     whole, tdim = bodies.mesh, bodies.mesh.topology.dim
-    facets_of = []
-    for m in (whole, mesh):
-        m.topology.create_connectivity(tdim, tdim - 1)
-        m.topology.create_connectivity(tdim - 1, tdim)
-        count = m.topology.index_map(tdim).size_local
-        facets_of.append(m.topology.connectivity(tdim, tdim - 1).array.reshape(count, -1))
+    old, new = facets_of_cells(whole)[cells], facets_of_cells(mesh)
     tag = np.zeros(whole.topology.index_map(tdim - 1).size_local, np.int32)
     there = tag.astype(bool)
     tag[bodies.facet_tags.indices] = bodies.facet_tags.values
     there[bodies.facet_tags.indices] = True
-    old, new = facets_of[0][cells], facets_of[1]
     tagged = there[old]
     facets, first = np.unique(new[tagged], return_index=True)
     tags = meshtags(mesh, tdim - 1, facets.astype(np.int32), tag[old[tagged]][first])

@@ -28,6 +28,12 @@ def owners_of_pairs(pairs: np.ndarray) -> np.ndarray:
     return np.where((low + high) % 2 == 0, low, high)
 
 
+def ranks_of_pairs(rank_of_body: np.ndarray, moves: np.ndarray, bodies: np.ndarray) -> np.ndarray:
+    """Ranks of pairs of bodies, shape (n, 2); one that does not move is where the other one is."""
+    sides = rank_of_body[bodies]
+    return np.where(moves[bodies], sides, sides[:, ::-1])
+
+
 def owners_by_vertex(
     facets: FacingFacets, vertices: np.ndarray, cell, num_nodes: int, rank_of_body: np.ndarray
 ) -> np.ndarray:

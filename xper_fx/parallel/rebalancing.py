@@ -21,6 +21,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from xper_fx.parallel.division import cost_of_partition, none_empty, partition_bodies
+from xper_fx.parallel.ownership import ranks_of_pairs
 from xper_fx.support.ranks import Ranks
 
 logger = logging.getLogger(__name__)
@@ -88,9 +89,7 @@ class Rebalancing:
         self._lost += _LOOKS_EVERY * (cost - self._reached)
         if self._lost <= _PRICE:
             return
-        first = self._ranks.rank == 0
-        new = self._ranks.together(lambda: self._partition(pairs, weights) if first else None)
-        new = self._ranks.comm.bcast(new)
+        new = self._ranks.from_first(lambda: self._partition(pairs, weights))
         reached = self._cost(new, pairs, weights)
         self.is_pending = better = reached < cost - _WORTH
         self._lost, self._reached = 0.0, reached if better else cost
@@ -120,8 +119,7 @@ class Rebalancing:
         return None if np.array_equal(rank_of_body, self._rank_of_body) else rank_of_body
 
     def _cost(self, rank_of_body: np.ndarray, pairs: np.ndarray, weights: np.ndarray) -> float:
-        sides = rank_of_body[pairs]
-        sides = np.where(self._moves[pairs], sides, sides[:, ::-1])
+        sides = ranks_of_pairs(rank_of_body, self._moves, pairs)
         own = np.bincount(rank_of_body[: len(self._cells)], self._cells, self._ranks.size)
         return cost_of_partition(sides, weights, _STEP + own, _EXCHANGES)
 

@@ -26,7 +26,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from xper_fx.parallel.division import cost_of_partition, partition_bodies
-from xper_fx.parallel.ownership import owners_of_pairs
+from xper_fx.parallel.ownership import owners_of_pairs, ranks_of_pairs
 from xper_fx.parallel.rigid_halo import RigidHalo
 from xper_fx.support.ranks import Ranks
 
@@ -96,7 +96,8 @@ class RigidDivision:
         self.halo = RigidHalo(
             self.ranks, self.rank_of_body, self._moves, moving, self._dofs, self._common
         )
-        return self._owner(self.rank_of_body, pairs) == self.ranks.rank
+        sides = ranks_of_pairs(self.rank_of_body, self._moves, pairs)
+        return owners_of_pairs(sides) == self.ranks.rank
 
     def found(self, bodies: np.ndarray) -> bool:
         """Take note of the contacts found; all ranks call it together.
@@ -153,17 +154,8 @@ class RigidDivision:
             return self._contacts
         return np.concatenate(self.ranks.comm.allgather(self._contacts))
 
-    def _owner(self, rank_of_body: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-        """Rank that has each pair."""
-        return owners_of_pairs(self._sides(rank_of_body, pairs))
-
-    def _sides(self, rank_of_body: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-        """Ranks of both bodies of pairs; a body that does not move is where the other one is."""
-        sides = rank_of_body[pairs]
-        return np.where(self._moves[pairs], sides, sides[:, ::-1])
-
     def _cost(self, rank_of_body, pairs, weights) -> float:
-        sides = self._sides(rank_of_body, pairs)
+        sides = ranks_of_pairs(rank_of_body, self._moves, pairs)
         return cost_of_partition(sides, weights, np.zeros(self.ranks.size))
 
     def _partition(self, pairs, weights, cost: float) -> None:
@@ -173,12 +165,10 @@ class RigidDivision:
         of_body = 1 + np.bincount(pairs.ravel(), np.repeat(weights, 2), count)[moving]
         of_group = np.bincount(self._group_of_moving, of_body).astype(np.int64)
         both = self._moves[pairs].all(axis=1)
-
-        def part() -> np.ndarray:
-            return partition_bodies(of_group, group_of[pairs[both]], weights[both], self.ranks.size)
-
-        new, part_of = self.rank_of_body.copy(), part() if self.ranks.rank == 0 else None
-        new[moving] = self.ranks.comm.bcast(part_of)[self._group_of_moving]
+        given = of_group, group_of[pairs[both]], weights[both], self.ranks.size
+        new = self.rank_of_body.copy()
+        rank_of_group = self.ranks.from_first(lambda: partition_bodies(*given))
+        new[moving] = rank_of_group[self._group_of_moving]
         self.partitions += 1
         reached = self._cost(new, pairs, weights)
         if self.halo is None or reached < cost:

@@ -81,13 +81,12 @@ def share_rigid(
     """
     dim, moves = rigid.dim, ~rigid.is_prescribed.all(axis=1)
     low, high = boxes_of(meshed)
-    nearest, least = np.empty(len(rigid), np.int64), np.empty(len(rigid))
-    for body, centre in enumerate(rigid.position):
+    rank, least = np.zeros(len(rigid), np.int32), np.full(len(rigid), np.inf)
+    for body, centre in enumerate(rigid.position if len(low) else ()):
         beside = np.maximum(np.maximum(low - centre, centre - high), 0.0)
         squared = (beside**2).sum(axis=1)
-        nearest[body] = np.argmin(squared)
-        least[body] = squared[nearest[body]]
-    rank = rank_of_meshed[nearest].astype(np.int32)
+        nearest = np.argmin(squared)
+        rank[body], least[body] = rank_of_meshed[nearest], squared[nearest]
     if meshed.spread is not None:  # each rank knows those around its own
         closest = np.argmin(ranks.comm.allgather(least), axis=0)
         rank = np.array(ranks.comm.allgather(rank))[closest, np.arange(len(rigid))]

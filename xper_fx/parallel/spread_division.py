@@ -20,7 +20,7 @@ from xper_fx.parallel.known_surface import MOST
 from xper_fx.parallel.ownership import owners_of_pairs
 from xper_fx.parallel.rigid_share import RigidShare
 from xper_fx.parallel.spread_search import KnownBodies
-from xper_fx.parallel.surface_division import FoundOwners, hand_over, with_ghosts_of_pairs
+from xper_fx.parallel.surface_division import FoundOwners, ghosts_of_pairs, hand_over
 from xper_fx.support.ranks import Ranks
 
 
@@ -95,10 +95,19 @@ class SpreadDivision:
         other = np.where(cut[:, 2] == me, cut[:, 3], cut[:, 2])
         told = ranks.comm.alltoall([cut[other == rank] for rank in range(ranks.size)])
         pairs = np.unique(np.concatenate([cut, *told]), axis=0)
+        own_slots = self._slots(known)
+        # numbers of nodes, and of the two of each rigid body
+        names = np.concatenate([tables.node, MOST + np.arange(2 * len(self._moves))])
         if ranks.max(float(not np.array_equal(pairs, self._pairs))) > 0.0:
             self._pairs = pairs
-            self._renew(interactions, known)
-        self.slot, names, (number, slot) = self._slots(known), self._names(known), self._ghosts
+            rigid = MOST + np.repeat(np.arange(len(self._moves)), 2)
+            bodies = np.concatenate([tables.which[known.body_of_node], rigid])
+            ghosts, slots = ghosts_of_pairs(
+                interactions, self._first, pairs[:, :2], pairs[:, 2:], own_slots, bodies
+            )
+            order = np.argsort(names[ghosts])
+            self._ghosts = names[ghosts][order], slots[order]
+        self.slot, (number, slot) = own_slots, self._ghosts
         there = np.isin(names, number)
         self.slot[there] = slot[np.searchsorted(number, names[there])]
 
@@ -109,44 +118,6 @@ class SpreadDivision:
         slots[:count][known.own_node] = self._own_slots
         slots[count + self._rigid_here] = self._rigid_slots
         return slots
-
-    def _names(self, known: KnownBodies) -> np.ndarray:
-        """Numbers of nodes, and of the two of each rigid body, in the order of `slot`."""
-        return np.concatenate([known.tables.node, MOST + np.arange(2 * len(self._moves))])
-
-    def _renew(self, interactions: Interactions, known: KnownBodies) -> None:
-        me = self._ranks.rank
-        bodies, sides = self._pairs[:, :2], self._pairs[:, 2:]
-        owner = owners_of_pairs(sides)
-        own_slots, names = self._slots(known), self._names(known)
-        given, ghosts = {}, {}
-        for other in np.setdiff1d(sides, [me]).tolist():
-            here = (sides == other).any(axis=1)
-            for rank, of, nodes in ((other, me, given), (me, other, ghosts)):
-                pairs = here & (owner == rank)
-                nodes[other] = self._nodes_of(bodies[pairs][sides[pairs] == of], known)
-        given = {rank: own_slots[nodes] for rank, nodes in given.items() if len(nodes)}
-        halo = with_ghosts_of_pairs(interactions, self._first, given)
-        numbers, slots = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-        for rank, nodes in ghosts.items():
-            if len(nodes):
-                numbers.append(names[nodes])
-                slots.append(halo.wanted[rank][-len(nodes) :])
-        number, slot = np.concatenate(numbers), np.concatenate(slots)
-        order = np.argsort(number)
-        self._ghosts = number[order], slot[order]
-        rigid = MOST + np.repeat(np.arange(len(self._moves)), 2)
-        body = np.concatenate([known.tables.which[known.body_of_node], rigid])
-        unit_of_slot, own = np.full(halo.num_slots, -1), owner == me
-        unit_of_slot[own_slots[own_slots >= 0]] = body[own_slots >= 0]
-        unit_of_slot[slot] = body[np.searchsorted(names, number)]
-        halo.divide_pairs(bodies[own], sides[own], unit_of_slot)
-
-    def _nodes_of(self, bodies: np.ndarray, known: KnownBodies) -> np.ndarray:
-        """Nodes of bodies that are given by their numbers, places in `slot`, ascending."""
-        there = np.isin(known.tables.which, bodies)[known.body_of_node]
-        rigid = np.isin(MOST + np.arange(len(self._moves)), bodies)
-        return np.flatnonzero(np.concatenate([there, np.repeat(rigid, 2)]))
 
 
 def _on(contacts: Contacts, numbers: Callable[[np.ndarray], np.ndarray]) -> Contacts:

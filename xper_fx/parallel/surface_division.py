@@ -13,14 +13,12 @@ rank, and their contacts on that of the other body. Pairs of lists have phases
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.search.contact_pairs import Contacts, join
 from xper_fx.parallel.halo import Halo
-from xper_fx.parallel.ownership import owners_of_pairs
+from xper_fx.parallel.ownership import owners_of_pairs, ranks_of_pairs
 from xper_fx.parallel.rigid_share import RigidShare
 from xper_fx.parallel.rows_of_all import RowsOfAll
 from xper_fx.parallel.search_division import SearchDivision
@@ -77,23 +75,51 @@ def hand_over(
     return join(parts), any(moved for moved, _ in got)
 
 
-def with_ghosts_of_pairs(
-    interactions: Interactions, first: Halo, given: Mapping[int, np.ndarray]
-) -> Halo:
+def ghosts_of_pairs(
+    interactions: Interactions,
+    first: Halo,
+    pairs: np.ndarray,
+    sides: np.ndarray,
+    slot: np.ndarray,
+    body_of_node: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
     """Let a layer take a halo with the ghosts that contacts need; all ranks call it together.
 
     Args:
         first: its halo for its permanent points alone.
-        given: own slots that other ranks want besides, by rank.
+        pairs: shape (n, 2), bodies of two ranks that may touch, by names that all ranks know.
+        sides: shape (n, 2), ranks of these bodies.
+        slot: shape (num_nodes,), own slots of nodes, -1 elsewhere.
+        body_of_node: shape (num_nodes,), names of the bodies of nodes that something may touch.
+
+    Returns:
+        Which nodes are ghosts, and their slots.
     """
+    me, owner, given, ghosts = first.ranks.rank, owners_of_pairs(sides), {}, {}
+    mine = (sides == me).any(axis=1)
+    for other in np.setdiff1d(sides[mine], [me]).tolist():
+        met = mine & (sides == other).any(axis=1)
+        for rank, of, nodes in ((other, me, given), (me, other, ghosts)):
+            here = met & (owner == rank)
+            there = np.flatnonzero(np.isin(body_of_node, pairs[here][sides[here] == of]))
+            if len(there):
+                nodes[other] = there
     before = interactions.halo
-    halo = first.extended(interactions.own_inverse, given)
+    more = {rank: slot[nodes] for rank, nodes in given.items()}
+    halo = first.extended(interactions.own_inverse, more)
     moved = np.arange(before.num_slots + 1)
     moved[-1] = halo.num_slots
     for rank, slots in first.wanted.items():
         moved[before.wanted[rank][: len(slots)]] = halo.wanted[rank][: len(slots)]
     interactions.take_halo(halo, moved)
-    return halo
+    none = np.zeros(0, np.int64)
+    nodes = np.concatenate([none, *ghosts.values()])
+    slots = np.concatenate([none, *(halo.wanted[r][-len(n) :] for r, n in ghosts.items())])
+    unit_of_slot, own, here = np.full(halo.num_slots, -1), owner == me, slot >= 0
+    unit_of_slot[slot[here]] = body_of_node[here]
+    unit_of_slot[slots] = body_of_node[nodes]
+    halo.divide_pairs(pairs[own], sides[own], unit_of_slot)
+    return nodes, slots
 
 
 class SurfaceDivision:
@@ -136,8 +162,7 @@ class SurfaceDivision:
         self._rank_of_body = np.concatenate([rank_of_body, rank_of_rigid])
         self._moves = np.concatenate([np.ones(first, bool), moves])
         own_nodes = first + np.repeat(np.arange(count), 2)
-        self._body_of_node = np.concatenate([body_of_node, own_nodes])
-        self._touchable = np.concatenate([touchable, np.ones(2 * count, bool)])
+        self._body_of_node = np.concatenate([np.where(touchable, body_of_node, -1), own_nodes])
         self.slot = np.full(len(self._body_of_node), -1)
         self._pairs = np.zeros((0, 2), np.int64)
         self._owners = FoundOwners()
@@ -176,9 +201,7 @@ class SurfaceDivision:
             done last now belongs to another one. So it may be where several bodies are one
             fragment: a node slides from one to the next.
         """
-        sides = self._rank_of_body[bodies]
-        sides = np.where(self._moves[bodies], sides, sides[:, ::-1])
-        owner = owners_of_pairs(sides)
+        owner = owners_of_pairs(ranks_of_pairs(self._rank_of_body, self._moves, bodies))
         return hand_over(self.ranks, contacts, owner, self._owners.take(contacts.key, owner))
 
     def commit(self) -> None:
@@ -199,24 +222,8 @@ class SurfaceDivision:
         if np.array_equal(pairs, self._pairs):
             return
         self._pairs = pairs
-        me, owner = self.ranks.rank, owners_of_pairs(sides)
-        given, ghosts = {}, {}
-        for other in np.setdiff1d(sides[(sides == me).any(axis=1)], [me]).tolist():
-            met = (np.sort(sides, axis=1) == sorted((me, other))).all(axis=1)
-            for rank, of, nodes in ((other, me, given), (me, other, ghosts)):
-                here = met & (owner == rank)
-                nodes[other] = self._nodes_of(pairs[here][sides[here] == of])
-        given = {rank: self.slot[nodes] for rank, nodes in given.items() if len(nodes)}
-        halo = with_ghosts_of_pairs(interactions, self._first, given)
-        for rank, nodes in ghosts.items():
-            if len(nodes):
-                self.slot[nodes] = halo.wanted[rank][-len(nodes) :]
-        unit_of_slot, own = np.full(halo.num_slots, -1), owner == me
-        here = (self.slot >= 0) & (self.slot < interactions.own_inverse.num_nodes)
-        there = np.concatenate([np.flatnonzero(here), *ghosts.values()])
-        unit_of_slot[self.slot[there]] = self._body_of_node[there]
-        halo.divide_pairs(pairs[own], sides[own], unit_of_slot)
-
-    def _nodes_of(self, bodies: np.ndarray) -> np.ndarray:
-        """Nodes of bodies that something may touch, ascending."""
-        return np.flatnonzero(self._touchable & np.isin(self._body_of_node, bodies))
+        own_slots = np.where(self.slot < interactions.own_inverse.num_nodes, self.slot, -1)
+        ghosts, slots = ghosts_of_pairs(
+            interactions, self._first, pairs, sides, own_slots, self._body_of_node
+        )
+        self.slot[ghosts] = slots

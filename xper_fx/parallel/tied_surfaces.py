@@ -10,10 +10,12 @@ size of the whole. A point then goes to the rank that has it (`ownership.owners_
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from xper_fx.nscd.facets import join_points
-from xper_fx.nscd.mortar import TiedPoints, TiedSurface
+from xper_fx.nscd.mortar import MisfitError, TiedPoints, TiedSurface
 from xper_fx.nscd.search.grid import box_pairs
 from xper_fx.parallel.ownership import owners_of_pairs
 from xper_fx.support.ranks import Ranks
@@ -41,6 +43,29 @@ def in_reach(candidates: TiedSurface, antagonists: TiedSurface, ranks: Ranks) ->
         given.append(antagonists.take(np.flatnonzero(there)))
     got = ranks.comm.alltoall(given)
     return TiedSurface(*map(np.concatenate, zip(*got, strict=True)))
+
+
+def fitting(ranks: Ranks, find: Callable[[], TiedPoints]) -> TiedPoints:
+    """What `find` gives on this rank; ranks call it together.
+
+    Raises:
+        MisfitError: on all ranks, of the places of all.
+    """
+
+    def found() -> TiedPoints | MisfitError:
+        try:
+            return find()
+        except MisfitError as error:
+            return error
+
+    given = ranks.together(found)
+    told = ranks.comm.allgather(given if isinstance(given, MisfitError) else None)
+    misfits = [error for error in told if error is not None]
+    if misfits:
+        kind, first, _, text = min(error.args for error in misfits)
+        count = sum(error.count for error in misfits if error.kind == kind)
+        raise MisfitError(kind, first, count, text)
+    return given
 
 
 def _boxes(surface: TiedSurface) -> tuple[np.ndarray, np.ndarray]:

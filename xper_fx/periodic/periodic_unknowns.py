@@ -53,7 +53,7 @@ class CellUnknowns(NodalUnknowns):
             places = (self.node_of, np.arange(len(self.node_of)))
             self._sum = sp.csr_array((ones, places), shape=(self.num_nodes, len(ones)))
         x = V.tabulate_dof_coordinates()[:, : self.dim]
-        low, high = -ranks.max(-x.min(axis=0)), ranks.max(x.max(axis=0))
+        low, high = ranks.box(x)
         self.position = x - 0.5 * (low + high)
         self.num_dofs = (self.num_nodes + self.dim) * self.dim
         self._blocks_of = None
@@ -122,7 +122,8 @@ class CellUnknowns(NodalUnknowns):
         columns = self.sum_on_nodes(forces)
         rows, width = columns.shape
         indices = np.tile(np.arange(width), rows)
-        border = sp.csr_array((columns.ravel(), indices, np.arange(rows + 1) * width))
+        parts = columns.ravel(), indices, np.arange(rows + 1) * width
+        border = sp.csr_array(parts, shape=(rows, width))
         full = (np.repeat(np.arange(width), width), np.tile(np.arange(width), width))
         corner = sp.coo_array(((fields.T @ forces).ravel(), full), shape=(width, width))
         matrix = sp.block_array(

@@ -163,7 +163,8 @@ def _places(bodies: Bodies | None) -> np.ndarray | None:
 def _mesh(bodies: Bodies) -> dict:
     mesh = bodies.mesh
     nodes = geometry_dofmap(mesh)
-    x = np.ascontiguousarray(mesh.geometry.x[nodes], float).reshape(len(nodes), -1)
+    x = np.ascontiguousarray(mesh.geometry.x[nodes], float)
+    x = x.reshape(len(nodes), np.prod(x.shape[1:]))
     cell = bodies.parent_cell
     tag = bodies.facet_tags
     cells, local = (a[tag.indices, 0] for a in facet_cells(mesh))

@@ -65,7 +65,7 @@ def scene_doubts(scene: Scene, step: float | None) -> Iterator[str]:
             yield from _parting_joints(scene)
         if scene.lattice is not None and scene.macroscopic is not None:
             yield from _drift(scene)
-    if scene.bodies is not None:
+    if scene.bodies is not None and scene.bodies.num_bodies:  # else all are on other ranks
         for wall in scene.walls:
             yield from _wall_doubts(scene, wall)
         yield from _tractions_in_cracks(scene)

@@ -10,7 +10,7 @@ import numpy as np
 
 from xper_fx.bodies.meshes import facet_cells, midpoints_of
 from xper_fx.nscd.laws.law import Law
-from xper_fx.nscd.mortar import RULES, TiedPoints, TiedSurface, nonmatching_points
+from xper_fx.nscd.mortar import RULES, MisfitError, TiedPoints, TiedSurface, nonmatching_points
 from xper_fx.scene.facet_laws import require_law
 from xper_fx.support.checks import require_integer
 
@@ -92,18 +92,16 @@ def tie_points(
         turns: whether frames turn with the surfaces.
 
     Raises:
-        ValueError: the surfaces do not fit each other (`nonmatching_points`).
+        MisfitError: the surfaces do not fit each other; it is the same on all ranks.
     """
-    candidates, antagonists = surfaces = _surfaces(tie, V, bodies, part, ranks.rank)
-    if not ranks.alone:
-        from xper_fx.parallel.tied_surfaces import in_reach
-
-        surfaces = candidates, in_reach(candidates, antagonists, ranks)
-    points = ranks.together(lambda: _points_of(tie, *surfaces, turns))
+    candidates, antagonists = _surfaces(tie, V, bodies, part, ranks.rank)
     if ranks.alone:
-        return points
+        return _points_of(tie, candidates, antagonists, turns)
     from xper_fx.bodies.keepers import places_in_order
+    from xper_fx.parallel.tied_surfaces import fitting, in_reach
 
+    antagonists = in_reach(candidates, antagonists, ranks)
+    points = fitting(ranks, lambda: _points_of(tie, candidates, antagonists, turns))
     return points._replace(number=places_in_order(ranks, points.number)[0])
 
 
@@ -149,8 +147,11 @@ def _points_of(
     facet, corner = np.divmod(one, corners.shape[1])
     node, x = both.node[facet, corner], both.x[facet, corner]
     body, rank = both.body[facet], both.rank[facet]
-    points = nonmatching_points(
-        x, corners[:count], corners[count:], candidates.inside, body, tie.rule, turns
-    )
+    try:
+        points = nonmatching_points(
+            x, corners[:count], corners[count:], candidates.inside, body, tie.rule, turns
+        )
+    except MisfitError as error:
+        raise MisfitError(error.kind, number[error.first].tolist(), *error.args[2:]) from None
     sides = points.nodes[:, :, 0]
     return TiedPoints(points, number[sides[:, 0]], x[sides[:, 0]], body[sides], node, rank)

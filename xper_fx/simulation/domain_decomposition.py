@@ -85,7 +85,19 @@ def decomposed(
                 rigid = share_rigid(solids, bodies, part.rank_of_body, team, groups)
             else:
                 rigid = RigidShare(team, rank_of_body[bodies.num_bodies :], moves, scene.dim)
+    if rank_of_body is None:
+        _tell_bare(team, part)
     return Decomposition(team, part, None, rigid, _balance(scene, team, part, rigid, groups))
+
+
+def _tell_bare(team: Ranks, part: LocalBodies) -> None:
+    """Warn of ranks that have no body; all ranks call it together."""
+    bare = int(team.sum(part.bodies.num_bodies == 0))
+    if bare and team.rank == 0:
+        logger.warning(
+            "%d of %d ranks have no meshed body and only wait for the others; a run on %d would "
+            "be as fast", bare, team.size, team.size - bare,
+        )  # fmt: skip
 
 
 def _balance(
@@ -152,10 +164,6 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
         name
         for name, there in (
             ("rigid bodies alone", scene.bodies is None),
-            (
-                "fewer bodies than ranks",
-                (touching or scene.ties) and scene.bodies.counts[0] < team.size,
-            ),
             (f'solver="{_name(options.solver)}"', options.solver not in _ON_RANKS),
             (
                 "nothing between bodies",

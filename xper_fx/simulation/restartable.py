@@ -185,6 +185,11 @@ class Restartable(Readings):
                 f"The state is of {saved['equations']}; this simulation is of {self.equations}. "
                 "Restore it into one of the same scene, with the same scheme, theta and inertia."
             )
+        with self.team.ending_all():
+            self._take_up(saved)
+
+    def _take_up(self, saved: Mapping) -> None:
+        """Go on where `saved` was taken, of the same equations."""
         model = self._divided_as(saved)
         from_cells = model.bulk.unknowns.from_cells
         state = saved.get("state", {})

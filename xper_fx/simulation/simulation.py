@@ -157,7 +157,7 @@ class Simulation(Restartable):
         self.scene, self.team = scene, Ranks(comm)
         self.stopwatch = Stopwatch()
         self.folder: Path | None = None
-        with self.stopwatch.phase("set-up"):
+        with self.team.ending_all(), self.stopwatch.phase("set-up"):
             model = Model(scene, options, self.team, self.stopwatch)
         self._take(model)
         self.state, self.step_size, self.step_number = model.start, model.step_size, 0
@@ -230,19 +230,20 @@ class Simulation(Restartable):
         self._stepping = this = object()
         advance = self._step_on if self.path is None else self._follow
         try:
-            for record in advance(end_time):
-                yield record
-                if self._stepping is not this:
-                    raise RuntimeError(
-                        f"These steps() to {end_time:g} s were left: others have begun, and the "
-                        "simulation has one time. Take one after the other."
-                    )
-            self._attempts.tell_strain(self.state, self.step_number, self.step_size)
-            if self._judge is not None:
-                self._judge.tell(self)
-            elif self.scene.bodies is not None:
-                moved = self.state.displacement
-                self._attempts.doubts.tell_balance(self.ledger, moved, self.step_number)
+            with self.team.ending_all():
+                for record in advance(end_time):
+                    yield record
+                    if self._stepping is not this:
+                        raise RuntimeError(
+                            f"These steps() to {end_time:g} s were left: others have begun, and "
+                            "the simulation has one time. Take one after the other."
+                        )
+                self._attempts.tell_strain(self.state, self.step_number, self.step_size)
+                if self._judge is not None:
+                    self._judge.tell(self)
+                elif self.scene.bodies is not None:
+                    moved = self.state.displacement
+                    self._attempts.doubts.tell_balance(self.ledger, moved, self.step_number)
         finally:
             self._attempts.doubts.sum_up()
 

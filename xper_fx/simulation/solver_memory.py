@@ -35,10 +35,13 @@ def saved_memory(solver: Solver, interactions: Interactions, ranks: Ranks) -> di
     told = [(_visits(interactions), kinds)]
     told = told if ranks.alone else ranks.comm.allgather(told[0])
     out: dict = {"visits": np.array([visits for visits, _ in told])}
-    of_all = {key: kind for _, kinds in told for key, kind in kinds.items()}
+    # of a rank without points an array may have another shape, of which nothing is left
+    every = [(key, kind) for _, kinds in told for key, kind in kinds.items()]
+    of_all = dict(sorted(every, key=lambda one: one[1][0] > 0))
     for (owner, name), (_, shape, dtype) in sorted(of_all.items()):
         counts = np.array([kinds.get((owner, name), (-1,))[0] for _, kinds in told])
-        values = held.get((owner, name), np.empty((0, *shape), dtype))
+        values = held.get((owner, name), ())
+        values = values if len(values) else np.empty((0, *shape), dtype)
         first = np.maximum(counts[: ranks.rank], 0).sum()
         rows = Rows(first + np.arange(len(values)), values)
         out.setdefault(owner, {})[name] = {"rows": rows, "counts": counts}

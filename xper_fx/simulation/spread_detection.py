@@ -66,7 +66,7 @@ class SpreadDetection(Detection):
         )  # fmt: skip
         self._depth, self._shared = search.depth, SpreadDivision(ranks, share)
         self.reach = search.reach
-        here = np.zeros(int(all_V.dofmap.list.max()) + 1, np.int64)
+        here = np.zeros(int(all_V.dofmap.list.max(initial=-1)) + 1, np.int64)
         here[all_V.dofmap.list[part.cells]] = V.dofmap.list
         self.nodes = self._at = here[own.dof[search.own]]
         self._x = own.start[search.own]

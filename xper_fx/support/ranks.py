@@ -8,14 +8,22 @@ them: by its standard "the result" of MPI_Allreduce is in the buffers of all (MP
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, NoReturn, TextIO
 
 import numpy as np
 from mpi4py import MPI
 
 # Ranks up to which each has the values of all, and adds them up itself.
 _FEW = 64
+# Seconds that a rank that has failed waits for the others to fail, too; tag of what it tells them.
+_PATIENCE, _FAILED = 30.0, 32_001
+# Seconds that a rank leaves to those before it, which may be about to say the same.
+_GRACE, _TURN, _LONGEST = 1.0, 0.2, 10.0
 
 
 class Ranks:
@@ -55,6 +63,11 @@ class Ranks:
             largest, missing = self._reduced(np.stack(told), MPI.MAX)
             return _plain(np.where(missing > 0.0, np.nan, largest))
         return _plain(np.maximum.reduce(self._of_all(value), axis=0))
+
+    def box(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Low and high corner of the box around the points of all ranks, of which one has some."""
+        low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
+        return -self.max(-low), self.max(high)
 
     def sum_and_max(self, added, compared):
         """Sum of the first and largest of the second; few ranks wait for each other once."""
@@ -118,9 +131,36 @@ class Ranks:
                 raise raised
         return given
 
+    def from_first(self, call: Callable[[], Any]) -> Any:
+        """What the first rank finds, on all; what it raises is raised on all."""
+        return self.comm.bcast(self.together(call if self.rank == 0 else lambda: None))
+
     def at_root(self, call: Callable[[], object]) -> None:
         """Let the first rank do something for all; what it raises is raised on all."""
         self.together(call if self.rank == 0 else lambda: None)
+
+    @contextmanager
+    def ending_all(self) -> Iterator[None]:
+        """What a rank raises within, and not all do, ends all ranks: they would wait for it.
+
+        Where all raise, each goes on with its own error.
+        """
+        try:
+            yield
+        except Exception:
+            if not (self.alone or self._all_fail()):
+                end_all(self.comm, sys.__stderr__)
+            raise
+
+    def _all_fail(self) -> bool:
+        """Whether all ranks call this in time; they tell each other beside what else they send."""
+        others = [rank for rank in range(self.size) if rank != self.rank]
+        waited = [self.comm.Isend(bytearray(1), rank, _FAILED) for rank in others]
+        waited += [self.comm.Irecv(bytearray(1), rank, _FAILED) for rank in others]
+        end = time.monotonic() + _PATIENCE
+        while not (done := MPI.Request.Testall(waited)) and time.monotonic() < end:
+            time.sleep(0.01)
+        return done
 
     def gather(self, numbers: np.ndarray, values: np.ndarray) -> np.ndarray:
         """Entries of an array that is spread over the ranks, on every rank.
@@ -141,6 +181,16 @@ class Ranks:
         for n, v in parts:
             whole[n] = v
         return whole
+
+
+def end_all(comm: MPI.Comm, terminal: TextIO) -> NoReturn:
+    """Print the error that is being handled, and end all ranks; several speak in their order."""
+    if comm.rank > 0:
+        time.sleep(min(_GRACE + _TURN * comm.rank, _LONGEST))
+    terminal.write(f"Rank {comm.rank} of {comm.size} failed:\n")
+    traceback.print_exc(file=terminal)
+    terminal.flush()
+    comm.Abort(1)
 
 
 def _plain(value):

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""An error on all ranks, which they catch; then one on the last, in a stage that is asked for."""
+
+import sys
+from contextlib import suppress
+from unittest.mock import patch
+
+import few_bodies
+from mpi4py import MPI
+
+from xper_fx.bulk.bulk import Bulk
+from xper_fx.parallel import shared_points
+from xper_fx.simulation.simulation import Simulation
+from xper_fx.support import ranks
+
+stage, comm = sys.argv[1], MPI.COMM_WORLD
+scene, options, _ = few_bodies.tied()
+
+
+def fail(*_, **__):
+    """Run out of memory."""
+    raise MemoryError("by hand")
+
+
+with suppress(MemoryError), patch.object(shared_points, "facet_points", fail):
+    Simulation(scene, **options)
+    print("gone on")
+print("all have caught it", flush=True)
+first = Simulation(scene, **options)
+saved = first.saved_in_order()
+comm.barrier()
+place = {"set-up": (shared_points, "facet_points"), "restart": (Bulk, "restore")}[stage]
+with patch.object(ranks, "_PATIENCE", 1.0):
+    if comm.rank == 1:
+        patch.object(*place, fail).start()
+    if stage == "set-up":
+        Simulation(scene, **options)
+    else:
+        first.restore(saved)
+    comm.barrier()
+print("gone on", flush=True)
