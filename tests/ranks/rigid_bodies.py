@@ -126,7 +126,7 @@ def shear() -> Simulation:
             )  # fmt: skip
     law = SignoriniCoulomb(friction=0.1)
     scene = Scene(rigid=bodies, contacts=[Contact(("discs", "discs"), law)])
-    return Simulation(scene, 2e-2, tolerance=1e-9, num_threads=1)
+    return Simulation(scene, 2e-2, tolerance=1e-10, num_threads=1)
 
 
 def glued() -> Simulation:
