@@ -53,7 +53,7 @@ from xper_fx.output.memory import memory_by_part  # noqa: E402
 from xper_fx.plotting.figures import COLOURS, new_figure  # noqa: E402
 from xper_fx.simulation.simulation import Simulation  # noqa: E402
 
-STEPS, BEFORE = 4, 2  # timed, and made before
+STEPS, BEFORE = 8, 4  # timed, and made before: the first ones take memory from the system
 SWEEPS = 20
 TIMED = ("mesh and bodies", "set-up", "assembly", "sweep", "step")
 
