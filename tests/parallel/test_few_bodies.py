@@ -87,6 +87,7 @@ def test_runs_go_on(folders, kind):
     expected, other = read_history(three), read_history(two)
     for key in ("kinetic", "elastic", "external_work", "cohesive"):
         np.testing.assert_allclose(other[key], expected[key], rtol=1e-9, atol=1e-14)
+    assert set(expected["fragments"]) == {1}  # counted by ranks without a body, too
     files = {path.name for path in three.parent.glob("bulk*.xdmf")}
     assert files == ({"bulk.xdmf"} if kind == "whole" else {f"bulk_{n}.xdmf" for n in range(3)})
 

@@ -13,6 +13,7 @@ from xper_fx.nscd.laws import CohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.rigid import Cluster, Disc, Part, Polygon, RigidBody, Sphere, wall
 from xper_fx.output.connectivity import find_fragments
 from xper_fx.output.contact_forces import find_contact_forces
+from xper_fx.output.effects import effects_of
 from xper_fx.output.fragments import measure_fragments
 from xper_fx.output.joint_forces import find_joint_forces
 from xper_fx.parallel import rigid_partition as rigid_division
@@ -265,6 +266,8 @@ def results(name: str) -> dict[str, np.ndarray]:
     """What became of a scene."""
     build, end = SCENES[name]
     simulation = build()
+    told = effects_of(simulation)  # before anything has touched
+    assert "several ranks" in {effect.name for effect in told}
     motion = simulation.rigid
     start = np.concatenate([motion.momentum(), motion.angular_momentum()])
     records, pushed, away = [], 0, set()

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from xper_fx.simulation.simulation import Simulation
 
 # Of the file; it changes whenever what is in it does.
-FORMAT = 10
+FORMAT = 11
 # Differences of scenes that an error names.
 _NAMED = 6
 

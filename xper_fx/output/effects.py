@@ -187,7 +187,12 @@ EFFECTS = (
     ),
     Effect("three dimensions", lambda s: s.bulk.dim == 3),
     Effect("explicit bulk", lambda s: s.options.scheme == "explicit", lambda s: s.scheme.nbytes),
-    Effect("several ranks", lambda s: not s.ranks.alone, lambda s: s.interactions.halo.nbytes),
+    Effect(
+        "several ranks",
+        lambda s: not s.ranks.alone,
+        # bodies of rigid scenes are divided from the first contact on
+        lambda s: 0 if s.interactions.halo is None else s.interactions.halo.nbytes,
+    ),
     Effect(
         "vertex problems",
         lambda s: (

@@ -320,7 +320,8 @@ class Recorder:
                 line |= self._packing_columns(self.simulation)
             if self._find_fragments is not None:
                 fragment = self._find_fragments(self.simulation)
-                line["fragments"] = int(self.simulation.team.max(float(fragment.max()))) + 1
+                most = self.simulation.team.max(float(fragment.max(initial=-1)))
+                line["fragments"] = int(most) + 1
             self._at_root(lambda: self._history.append(**line))
         self._totals["steps"] += 1
         self._totals["sweeps"] += step.sweeps
