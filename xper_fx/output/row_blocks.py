@@ -21,9 +21,7 @@ from xper_fx.support.saved_rows import Rows
 _BLOCK = 1 << 22
 
 
-def in_blocks(
-    rows: Rows, ranks: Ranks
-) -> Iterator[tuple[int, int, Callable[[], np.ndarray]]]:
+def in_blocks(rows: Rows, ranks: Ranks) -> Iterator[tuple[int, int, Callable[[], np.ndarray]]]:
     """The rows of all ranks by ascending number, on the first rank; the others run through it.
 
     Where a block cannot be made the first rank is to run on to the end: the others wait for it.
