@@ -270,8 +270,9 @@ class TouchingClusters:
         changed = total = rounded = largest = 0.0
         for kernels, sides, turned, nodes, weights, frame, *others in self._swept:
             kernel = _sweep_kernel(kernels, sides)
-            x, y, z, peak = kernel(*self._of_clusters, turned, nodes, weights, frame, acts, *others)
-            changed, total, rounded, largest = changed + x, total + y, rounded + z, max(largest, peak)
+            *sums, peak = kernel(*self._of_clusters, turned, nodes, weights, frame, acts, *others)
+            changed, total, rounded = np.add((changed, total, rounded), sums).tolist()
+            largest = max(largest, peak)
         total = max(total, rounded * (self._rounding / self._options.tolerance) ** 2)
         relative = np.sqrt(changed / total) if total > 0.0 else np.sqrt(changed)
         return float(relative), float(np.sqrt(largest) / self._interactions.step_size)
