@@ -238,7 +238,7 @@ def test_a_periodic_cell_is_drawn():
     scene = xf.Scene(
         bodies, {1: xf.materials.LinearElastic(100.0, 0.3, 10.0)},
         default_interaction=xf.laws.CohesiveZone(2e3, 0.05, 1.0),
-        macroscopic=xf.MacroscopicDrive(rate={"11": 0.1, "22": 0.0}),
+        macroscopic=xf.MacroscopicDrive({"12": 0.0, "21": 0.0, "22": 1.0}, rate={"11": 0.1}),
     )  # fmt: skip
     simulation = xf.Simulation(scene, 0.02)
     next(simulation.steps(0.02))
