@@ -46,7 +46,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -206,6 +206,7 @@ def row(label: str, r: dict, one: dict, share: float) -> None:
     )  # fmt: skip
 
 
+@cache
 def divided(count: int, points: float):
     """A plate for so many ranks: imbalance, cut facets of a rank, neighbours in each exchange.
 

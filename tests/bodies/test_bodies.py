@@ -13,7 +13,9 @@ from dolfinx.mesh import (
     create_interval,
     create_mesh,
     create_rectangle,
+    create_submesh,
     exterior_facet_indices,
+    locate_entities,
     meshtags,
 )
 from mpi4py import MPI
@@ -499,3 +501,12 @@ class TestRefusals:
             for ask in (bodies.facing_nodes, bodies.node_permutation):
                 with pytest.raises(ValueError, match="expected continuous Lagrange of order 1"):
                     ask(V)
+
+
+def test_a_part_of_a_mesh_is_cut():
+    """DOLFINx numbers no cells of what a submesh was made from."""
+    mesh = create_rectangle(COMM, [(0.0, 0.0), (1.0, 1.0)], (4, 4))
+    left = locate_entities(mesh, 2, lambda x: x[0] < 0.5 + 1e-9)
+    bodies = explode(create_submesh(mesh, 2, left)[0])
+    assert bodies.num_bodies == len(left) == 16
+    assert np.array_equal(bodies.parent_cell, bodies.mesh.topology.original_cell_index)

@@ -358,6 +358,8 @@ def test_a_body_on_a_hinge_is_refused():
     one = layout.nodes[layout.offsets[1] : layout.offsets[1] + 1]
     with pytest.raises(ValueError, match=r"hold body 1, and they act at 1 node\(s\) of it"):
         AnchoredInverse(layout, x, one)
+    with pytest.raises(ValueError, match="hold body 7, "):  # by its number on all ranks
+        AnchoredInverse(layout, x, one, np.array([4, 7]))
 
 
 # Several physics in one mesh

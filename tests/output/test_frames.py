@@ -7,6 +7,7 @@ import stat
 
 import numpy as np
 import pytest
+from cells import cell_of
 from dolfinx.mesh import CellType, create_box
 from mpi4py import MPI
 
@@ -229,3 +230,16 @@ def test_a_film_of_which_nobody_took_frames(tmp_path, caplog):
         for _ in simulation.steps(0.02):
             pass
     assert "call record() after each step" in caplog.text
+
+
+def test_a_periodic_cell_is_drawn():
+    """A run has more unknowns than its nodes have: the gradient."""
+    bodies = cell_of((1, 1), (4, 2), "quadrilateral", label=lambda x: x[0] > 0.5)
+    scene = xf.Scene(
+        bodies, {1: xf.materials.LinearElastic(100.0, 0.3, 10.0)},
+        default_interaction=xf.laws.CohesiveZone(2e3, 0.05, 1.0),
+        macroscopic=xf.MacroscopicDrive({"12": 0.0, "21": 0.0, "22": 1.0}, rate={"11": 0.1}),
+    )  # fmt: skip
+    simulation = xf.Simulation(scene, 0.02)
+    next(simulation.steps(0.02))
+    assert len(xf.output.take_frame(simulation).faces) == 8

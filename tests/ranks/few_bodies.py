@@ -31,6 +31,7 @@ from xper_fx.output.run import recorded_steps
 from xper_fx.parallel.launch import run_together
 from xper_fx.scene import Contact, Scene, Tie, Wall
 from xper_fx.simulation.simulation import Simulation
+from xper_fx.study.quantities import DisplacementL2
 
 BOND = CohesiveZone(2e4, 0.05, 10.0, friction=0.3)
 TURNING = NeoHookean(1000.0, 0.3, 1.0)
@@ -144,6 +145,10 @@ def run(name: str) -> dict[str, np.ndarray]:
             history.setdefault(key, []).append(value)
     found = {key: np.array(values) for key, values in history.items()}
     found["bodies"] = np.array(simulation.team.comm.allgather(simulation.bodies.num_bodies))
+    if scene.bodies.spread is None:
+        samples = DisplacementL2(100).value(simulation, None)["displacement"]
+        assert np.isfinite(samples).any()
+        found["samples"] = np.nan_to_num(samples)
     if name != "cell":
         mass = measure_fragments(simulation).mass
         spread = scene.bodies.spread is not None

@@ -3,6 +3,7 @@
 
 import sys
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 from mpi4py import MPI
@@ -54,6 +55,13 @@ def main() -> None:
     again = np.empty(n)
     problem._clusters_as_one().solve(r, again)
     near(interactions, again, moved, 1e-9)
+    as_one = problem._clusters_as_one()
+    as_one.solve(np.nan * r, again)  # raises nothing: the step is cut
+    assert np.isnan(again).any()
+    with patch.object(border, "PETSc") as petsc:  # without MUMPS
+        petsc.Sys.hasExternalPackage.return_value = False
+        problem._clusters_as_one().solve(r, again)
+    near(interactions, again, moved, 1e-12)
 
     problem._direct = problem._fresh = True
     problem.linearise(velocity)

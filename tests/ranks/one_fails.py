@@ -1,17 +1,26 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""An error on all ranks, which they catch; then one on the last, in a stage that is asked for."""
+"""Errors on all ranks, which they catch; then one on the last, in a stage that is asked for.
+
+The second of those that are caught is the first rank's as it writes rows of all.
+"""
 
 import sys
+import tempfile
 from contextlib import suppress
+from pathlib import Path
 from unittest.mock import patch
 
 import few_bodies
+import numpy as np
 from mpi4py import MPI
 
 from xper_fx.bulk.bulk import Bulk
+from xper_fx.output import row_blocks
+from xper_fx.output.hdf5_tree import write_tree
 from xper_fx.parallel import shared_points
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support import ranks
+from xper_fx.support.saved_rows import Rows
 
 stage, comm = sys.argv[1], MPI.COMM_WORLD
 scene, options, _ = few_bodies.tied()
@@ -24,6 +33,10 @@ def fail(*_, **__):
 
 with suppress(MemoryError), patch.object(shared_points, "facet_points", fail):
     Simulation(scene, **options)
+    print("gone on")
+rows = {name: Rows(np.arange(3) + 3 * comm.rank, np.ones(3)) for name in "ab"}
+with suppress(MemoryError), patch.object(row_blocks, "_joined", fail):
+    write_tree(Path(tempfile.gettempdir(), "one_fails.h5"), rows, ranks.Ranks(comm))
     print("gone on")
 print("all have caught it", flush=True)
 first = Simulation(scene, **options)

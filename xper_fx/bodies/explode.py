@@ -34,7 +34,7 @@ from xper_fx.bodies.meshes import (
 )
 from xper_fx.bodies.present_tags import PresentTags
 from xper_fx.support.checks import require_kind
-from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
+from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap, original_cells
 from xper_fx.support.ranks import Ranks
 
 if TYPE_CHECKING:
@@ -491,7 +491,7 @@ def _cut(
         cells = inverse.reshape(parent_nodes.shape)
         node_of_vertex = unique % num_parent_nodes
     x = mesh.geometry.x[:, :tdim]
-    numbers = mesh.topology.original_cell_index[by_body]
+    numbers = original_cells(mesh)[by_body]
     exploded = create_exploded_mesh(mesh, cells, x[node_of_vertex], numbers)
     exploded.name = mesh.name
     parent_vertex = node_of_vertex[exploded.geometry.input_global_indices].astype(np.int32)

@@ -19,7 +19,7 @@ from dolfinx.mesh import Mesh, MeshTags, meshtags
 
 from xper_fx.bodies.even_shares import rank_of_bodies
 from xper_fx.bodies.meshes import facets_of_cells
-from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap
+from xper_fx.support.compat import create_exploded_mesh, geometry_dofmap, original_cells
 from xper_fx.support.ranks import Ranks
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def known_cells(
             neighbours, too; None if the mesh is none.
     """
     count, tdim = len(material), mesh.topology.dim
-    number = mesh.topology.original_cell_index[:count].astype(np.int64)
+    number = original_cells(mesh)[:count].astype(np.int64)
     dofmap = geometry_dofmap(mesh)[:count]
     nodes = mesh.geometry.input_global_indices[dofmap].astype(np.int64)
     if label is None:

@@ -17,7 +17,7 @@ from dolfinx.mesh import Mesh
 from xper_fx.bodies.keepers import JoinedNumbers, Keepers, places_of_points
 from xper_fx.bodies.lattice import check_volume, match_facets, match_tolerance, wrapped
 from xper_fx.bodies.meshes import cell_measure, facet_cells, facet_geometry_nodes
-from xper_fx.support.compat import geometry_dofmap
+from xper_fx.support.compat import geometry_dofmap, original_cells
 from xper_fx.support.ranks import Ranks
 
 
@@ -65,7 +65,7 @@ def border_of(
     cell, side = cell[there], side[there]
     nodes = facet_geometry_nodes(mesh, cell, side)
     x, vertex = mesh.geometry.x[nodes][:, :, :dim], mesh.geometry.input_global_indices
-    number = mesh.topology.original_cell_index[cell].astype(np.int64) * sides + side
+    number = original_cells(mesh)[cell].astype(np.int64) * sides + side
 
     tolerance = match_tolerance(x, ranks)
     place, places = places_of_points(ranks, *wrapped(x.mean(axis=1), lattice, tolerance))

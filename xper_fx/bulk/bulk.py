@@ -60,6 +60,7 @@ class Bulk:
     Attributes:
         unknowns: what the unknowns are.
         floating: whether there are bodies without inertia that interactions alone hold.
+        numbers: as given.
         inertia, damping: None where there is none.
         weights: lumped mass a dof, which gives the norm of velocities with inertia or without,
             shape (num_dofs,), kg (2D: kg/m).
@@ -83,7 +84,7 @@ class Bulk:
         numbers: np.ndarray | None = None,
         leaning: npt.ArrayLike = (),
     ):
-        self.forms, self.ranks, self._numbers = forms, ranks, numbers
+        self.forms, self.ranks, self.numbers = forms, ranks, numbers
         self._leaning = np.asarray(leaning, int)
         self.num_common = 0
         self.linear = forms.linear
@@ -155,7 +156,7 @@ class Bulk:
         x, held = self.nodes_of_bodies()
         sizes = np.diff(self.layout.offsets)
         held[np.repeat(np.isin(np.arange(len(sizes)), self._leaning), sizes)] = True
-        return loose_bodies(x, sizes, held, joined, self._numbers, self.ranks)
+        return loose_bodies(x, sizes, held, joined, self.numbers, self.ranks)
 
     def _held_by_interactions(self, joined: np.ndarray) -> bool:
         """Whether interactions hold bodies that nothing else does.

@@ -48,6 +48,7 @@ class AnchoredInverse:
     Args:
         x: positions of their nodes, shape (num_nodes, dim), m.
         interacting: nodes at which interactions act.
+        numbers: shape (num_bodies,), by which all ranks know the bodies; None on one rank.
 
     Raises:
         ValueError: the interactions of a body leave it free to turn.
@@ -55,9 +56,15 @@ class AnchoredInverse:
 
     in_order = False
 
-    def __init__(self, layout: BodyLayout, x: np.ndarray, interacting: np.ndarray):
+    def __init__(
+        self,
+        layout: BodyLayout,
+        x: np.ndarray,
+        interacting: np.ndarray,
+        numbers: np.ndarray | None = None,
+    ):
         self._dim = layout.dim
-        self._dofs, self._motions = _anchored_motions(layout, x, interacting)
+        self._dofs, self._motions = _anchored_motions(layout, x, interacting, numbers)
         prescribed = layout.prescribed.copy()
         prescribed[self._dofs] = True
         held = replace(layout, prescribed=prescribed)
@@ -112,7 +119,7 @@ class AnchoredInverse:
 
 
 def _anchored_motions(
-    layout: BodyLayout, x: np.ndarray, interacting: np.ndarray
+    layout: BodyLayout, x: np.ndarray, interacting: np.ndarray, numbers: np.ndarray | None
 ) -> tuple[np.ndarray, sp.csr_array]:
     """Anchors, shape (n,), and the rigid motions that move one of them each, (num_dofs, n)."""
     acts = np.zeros(len(layout.nodes), bool)
@@ -130,8 +137,9 @@ def _anchored_motions(
         _, triangle, order = scipy.linalg.qr(modes[here].T, mode="economic", pivoting=True)
         pivots = np.abs(np.diagonal(triangle))
         if len(pivots) < number or pivots.min() <= _HINGE / np.sqrt(len(modes)):
+            name = body if numbers is None else numbers[body]
             raise ValueError(
-                f"Without inertia interactions should hold body {body}, and they act at "
+                f"Without inertia interactions should hold body {name}, and they act at "
                 f"{np.count_nonzero(acts[nodes])} node(s) of it, which leaves it free to turn: "
                 "let it share a facet with its neighbours or take inertia=True."
             )

@@ -11,6 +11,7 @@ whatever step size, is that of all others but for a factor.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -93,7 +94,8 @@ class KeptInverses:
                 from xper_fx.bulk.floating_bodies import AnchoredInverse
 
                 x = bulk.forms.V.tabulate_dof_coordinates()[:, : bulk.dim]
-                inverse = AnchoredInverse(layout, x, self._interacting)
+                anchored = partial(AnchoredInverse, layout, x, self._interacting, bulk.numbers)
+                inverse = bulk.ranks.together(anchored)
             elif layout.uniform:
                 inverse = CellwiseInverse(layout)
             else:

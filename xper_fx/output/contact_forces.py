@@ -91,7 +91,8 @@ def slot_places(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
     place = np.empty((0, dim))
     if simulation.scene.bodies is not None:
         x = simulation.forms.V.tabulate_dof_coordinates()[:, :dim]
-        place = (x + simulation.state.displacement.reshape(-1, dim))[simulation.model.slot_nodes]
+        moved = simulation.displacement.x.array.reshape(-1, dim)
+        place = (x + moved)[simulation.model.slot_nodes]
     if simulation.rigid is not None:
         centre = simulation.rigid.displayed.position[rigid_here(simulation)]
         place = np.concatenate([place, np.repeat(centre, 2, axis=0)])

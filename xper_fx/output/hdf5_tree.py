@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -62,7 +62,7 @@ def write_tree(path: Path, tree: Mapping, ranks: Ranks = ALONE, **attributes: st
 def _write(
     path: Path,
     plain: Mapping[str, np.ndarray | str],
-    blocks: Iterator[tuple[str, int, int, np.ndarray]],
+    blocks: Iterator[tuple[str, int, int, Callable[[], np.ndarray]]],
     size: int,
     datasets: int,
     attributes: Mapping[str, str | int],
@@ -75,7 +75,8 @@ def _write(
         with h5py.File(temporary, "r+", locking=False) as h5:
             for name, leaf in plain.items():
                 h5[name] = leaf
-            for name, first, count, block in blocks:
+            for name, first, count, made in blocks:
+                block = made()
                 if first == 0:
                     h5.create_dataset(name, (count, *block.shape[1:]), block.dtype)
                     h5[name].attrs[_ROWS] = True

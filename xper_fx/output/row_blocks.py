@@ -7,7 +7,8 @@ some of the rows looks through the blocks.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -20,8 +21,10 @@ from xper_fx.support.saved_rows import Rows
 _BLOCK = 1 << 22
 
 
-def in_blocks(rows: Rows, ranks: Ranks) -> Iterator[tuple[int, int, np.ndarray]]:
+def in_blocks(rows: Rows, ranks: Ranks) -> Iterator[tuple[int, int, Callable[[], np.ndarray]]]:
     """The rows of all ranks by ascending number, on the first rank; the others run through it.
+
+    Where a block cannot be made the first rank is to run on to the end: the others wait for it.
 
     Args:
         rows: of this rank, one number a row where there are several ranks; every number from zero
@@ -29,10 +32,10 @@ def in_blocks(rows: Rows, ranks: Ranks) -> Iterator[tuple[int, int, np.ndarray]]
         ranks: the ranks.
 
     Yields:
-        Number of the first row of a block, number of all rows, the block.
+        Number of the first row of a block, number of all rows, and what makes the block.
     """
     if ranks.alone:
-        yield 0, len(rows.values), rows.in_order()
+        yield 0, len(rows.values), rows.in_order
         return
     order = np.argsort(rows.number, kind="stable")
     number = rows.number[order]
@@ -42,12 +45,16 @@ def in_blocks(rows: Rows, ranks: Ranks) -> Iterator[tuple[int, int, np.ndarray]]
         low, high = np.searchsorted(number, (first, first + a_block))
         given = (number[low:high] - first, rows.values[order[low:high]])
         heard = ranks.comm.gather(given)
-        if heard is None:
-            continue
-        block = np.empty((min(a_block, count - first), *rows.values.shape[1:]), rows.values.dtype)
-        for place, values in heard:
-            block[place] = values
-        yield first, count, block
+        if heard is not None:
+            yield first, count, partial(_joined, min(a_block, count - first), heard)
+
+
+def _joined(size: int, parts: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """So many rows from places and rows of each rank."""
+    block = np.empty((size, *parts[0][1].shape[1:]), parts[0][1].dtype)
+    for place, values in parts:
+        block[place] = values
+    return block
 
 
 class StoredRows:

@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import numpy as np
+from petsc4py import PETSc
 from scipy.sparse import coo_array
 
 from xper_fx.bulk.sparse_direct import SingularMatrixError, SparseDirect
 from xper_fx.support.ranks import Ranks
 
-# Unknowns up to which every rank has their inverse.
+# Unknowns up to which every rank has their inverse, as of more without MUMPS.
 _EVERYWHERE = 1500
 
 
@@ -39,7 +40,9 @@ class Border:
         if not self._ranks.all(share is not None):
             return False
         self._dofs = self._all[dofs]
-        return self._invert(share) if self._size <= _EVERYWHERE else self._factor(share)
+        if self._size <= _EVERYWHERE or not PETSc.Sys.hasExternalPackage("mumps"):
+            return self._invert(share)
+        return self._factor(share)
 
     def _invert(self, share: np.ndarray) -> bool:
         parts = self._ranks.comm.allgather((self._dofs, share))
@@ -87,5 +90,9 @@ class Border:
         whole = self._ranks.sum(whole)
         if self._direct is None:
             return self._inverse @ whole
-        own = self._direct.solve(whole[slice(*self._rows)])
+        own = whole[slice(*self._rows)]
+        try:
+            own = self._direct.solve(own)
+        except SingularMatrixError:  # or forces that are no numbers: the step is given up
+            own = np.full(len(own), np.nan)
         return np.concatenate(self._ranks.comm.allgather(own))[self._dofs]

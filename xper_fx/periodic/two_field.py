@@ -114,7 +114,7 @@ class CellBulk(Bulk):
         unknowns = self.unknowns
         num_bodies = int(self.ranks.sum(len(unknowns.offsets) - 1))
         if num_bodies > 1:
-            numbers = np.arange(num_bodies) if self._numbers is None else self._numbers
+            numbers = np.arange(num_bodies) if self.numbers is None else self.numbers
             _, shared, here = joined_groups(joined, numbers, self.ranks)
             if shared + self.ranks.sum(here - shared) == 1:
                 return True

@@ -70,6 +70,8 @@ def deepest(points: Interactions) -> np.ndarray:
         The largest depth beside the size of a point's share of a facet, and the largest (m).
     """
     found = np.zeros(2)
+    if not any("pushed" in law.kernels(points.dim).state_names for law in points.laws):
+        return found
     for g in points.groups:
         if len(g) and "pushed" in g.kernels.state_names and not g.sides.lever_arms:
             depth, size = -g.jump[:, 0], g.inverse_area ** (-1.0 / (points.dim - 1))

@@ -243,7 +243,10 @@ class DisplacementL2:
         return low + spread * (high - low)
 
     def value(self, simulation: Simulation, seen: None) -> dict[str, npt.NDArray[np.float64]]:
-        """`points`, shape (samples, dim), and `displacement` there, m; NaN outside of bodies."""
+        """`points`, shape (samples, dim), and `displacement` there, m; NaN outside of bodies.
+
+        All ranks call it together.
+        """
         simulation.scene.bodies.require_whole("A sample of displacements")
         mesh, dim = simulation.scene.bodies.mesh, simulation.bulk.dim
         x = mesh.geometry.x[:, :dim]
@@ -251,10 +254,14 @@ class DisplacementL2:
         points[:, :dim] = self.points(x.min(axis=0), x.max(axis=0))
         tree = bb_tree(mesh, dim)
         cells = compute_colliding_cells(mesh, compute_collisions_points(tree, points), points)
-        inside = np.diff(cells.offsets) > 0
+        inside = np.flatnonzero(np.diff(cells.offsets))
+        first = cells.array[cells.offsets[inside]]
+        if simulation.part is not None:  # of several ranks each has some of the cells
+            first = simulation.part.cell_of[first]
+        here = np.flatnonzero(first >= 0)
+        found = simulation.displacement.eval(points[inside[here]], first[here])
         displacement = np.full((self.samples, dim), np.nan)
-        first = cells.array[cells.offsets[:-1][inside]]
-        displacement[inside] = simulation.displacement.eval(points[inside], first)
+        displacement[inside] = simulation.ranks.gather(here, found.reshape(-1, dim))
         return {"points": points[:, :dim], "displacement": displacement}
 
     def error(self, value: Mapping[str, Any], reference: Mapping[str, Any]) -> float:

@@ -77,6 +77,18 @@ def index_map(
     return IndexMap(comm, num_owned, [sources, destinations], ghosts, owners)
 
 
+def original_cells(mesh: Mesh) -> npt.NDArray[np.int64]:
+    """Return the numbers of a rank's cells in what the mesh was made from, shape (num_cells,).
+
+    Submeshes have none, and DOLFINx raises: theirs are those of the cells of all ranks.
+    """
+    try:
+        return mesh.topology.original_cell_index
+    except RuntimeError:
+        cells = mesh.topology.index_map(mesh.topology.dim)
+        return cells.local_to_global(np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32))
+
+
 def create_exploded_mesh(
     parent: Mesh,
     cells: npt.NDArray[np.int64],

@@ -27,7 +27,8 @@ too far ahead is made again from nearer by.
 
 or where they are within what rounding lets through: contacts ask for dr_c = dv / w_c where their
 velocities are off by dv = 16 eps |v|, w_c the least compliance of their axes in the clusters that
-there are, so that sum_c |r_c|^2 counts as no less than sum_c (dv / (w_c tolerance))^2. Bodies that
+there are, so that sum_c |r_c|^2 counts as no less than sum_c (dv / (w_c tolerance))^2 over those
+that push or ask for it: heavy bodies that are near and do not touch are no measure. Bodies that
 fly side by side push each other by little beside it, and turns beyond it add up roundings.
 
 Impulses and velocities then solve exactly the problem whose free relative velocities at the
@@ -156,7 +157,6 @@ class TouchingClusters:
         report = self._move(vertices)
         for _ in range(_TURNS):
             self._find_clusters()
-            self._least = self._rounding * self._stiffness() / tolerance
             residual, traction = self._sweep(acts=False)
             arrived = residual <= tolerance
             if arrived and ahead is None:
@@ -253,15 +253,6 @@ class TouchingClusters:
         speed[first + 1 : first + 2 * len(self._rigid_w) : 2] *= max(arms, default=0.0)
         return self._interactions.largest(float(speed.max(initial=0.0)))
 
-    def _stiffness(self) -> float:
-        """How contacts answer velocities that are off alike, |dr| over dv (kg)."""
-        total = 0.0
-        for contacts in self._swept:
-            diagonal = np.equal(*sym_indices(contacts.kernels.components))
-            w = contacts.compliance[:, diagonal]
-            total += float(np.sum(np.where(w > 0.0, w, np.inf).min(axis=1) ** -2.0))
-        return np.sqrt(total)
-
     def _sweep_on(self) -> int:
         """Sweep until changes are small beside the tolerance; returns how often."""
         count, change = 0, np.inf
@@ -276,12 +267,13 @@ class TouchingClusters:
         Args:
             acts: whether impulses change; else the changes are what contacts still ask for.
         """
-        changed = total = largest = 0.0
+        changed = total = rounded = largest = 0.0
         for kernels, sides, turned, nodes, weights, frame, *others in self._swept:
             kernel = _sweep_kernel(kernels, sides)
-            x, y, z = kernel(*self._of_clusters, turned, nodes, weights, frame, acts, *others)
-            changed, total, largest = changed + x, total + y, max(largest, z)
-        total = max(total, self._least**2)
+            *sums, peak = kernel(*self._of_clusters, turned, nodes, weights, frame, acts, *others)
+            changed, total, rounded = np.add((changed, total, rounded), sums).tolist()
+            largest = max(largest, peak)
+        total = max(total, rounded * (self._rounding / self._options.tolerance) ** 2)
         relative = np.sqrt(changed / total) if total > 0.0 else np.sqrt(changed)
         return float(relative), float(np.sqrt(largest) / self._interactions.step_size)
 
@@ -376,12 +368,17 @@ def _add_turning(c, frame, rows, cols, rigid_w, first_rigid, out):
 
 @cache
 def _sweep_kernel(law: LawKernels, sides: Sides):
-    """Kernel `sweep(...)` over contacts of a law: sums |dr|^2 and |r|^2, largest |dr|^2/area^2."""
-    dim, k, lever_arms = sides.dim, sides.k, sides.lever_arms
+    """Kernel `sweep(...)` over contacts of a law.
+
+    It returns the sums of |dr|^2, of |r|^2 and of 1/w_c^2 where these are not zero, and the largest
+    |dr|^2/area^2.
+    """
+    dim, k, lever_arms, components = sides.dim, sides.k, sides.lever_arms, sides.components
     turns = dim if dim == 3 else 1
     turned_by, _, moment = lever_arm_kernels(dim) if lever_arms else (None, None, None)
     algebra = for_dimension(dim, sides.components)
     row, set_row, dot, subtract = algebra.row, algebra.set_row, algebra.dot, algebra.subtract
+    sym_row, sym_vector, unit = algebra.sym_row, algebra.sym_vector, algebra.unit
     to_local, to_global = algebra.to_local, algebra.to_global
     world = for_dimension(dim)
     world_row, world_set, add, scale = world.row, world.set_row, world.add, world.scale
@@ -416,7 +413,7 @@ def _sweep_kernel(law: LawKernels, sides: Sides):
         v, root, mobility, rigid_w, first_rigid, turned, nodes, weights, frame, acts, r, w,
         inverse_area, parameters, terms, details
     ):  # fmt: skip
-        changed = total = largest = 0.0
+        changed = total = rounded = largest = 0.0
         flat = v.reshape(-1)
         for i in range(len(r)):
             apart = scale(0.0, world_row(v, root[nodes[i, 0, 0]]))
@@ -430,9 +427,15 @@ def _sweep_kernel(law: LawKernels, sides: Sides):
             old = row(r, i)
             new, _ = solve(i, to_local(frame, i, apart), old, w, parameters, terms, details)
             change = subtract(new, old)
-            size = dot(change, change)
+            size, pushes = dot(change, change), dot(new, new)
             changed += size
-            total += dot(new, new)
+            total += pushes
+            if size + pushes > 0.0:
+                least, wi = np.inf, sym_row(w, i)
+                for x in range(components):
+                    along = sym_vector(wi, unit(x, 1.0))[x]
+                    least = min(least, along if along > 0.0 else np.inf)
+                rounded += 1.0 / (least * least)
             largest = max(largest, size * inverse_area[i] * inverse_area[i])
             if not acts or size == 0.0:
                 continue
@@ -451,6 +454,6 @@ def _sweep_kernel(law: LawKernels, sides: Sides):
                     for d in range(turns):
                         for e in range(turns):
                             flat[first + d] += rigid_w[body, dim + d, dim + e] * g[e]
-        return changed, total, largest
+        return changed, total, rounded, largest
 
     return sweep
