@@ -171,9 +171,7 @@ def record(folder: str, last: int, restart: bool) -> None:
     scene, options, _ = tied()
     simulation = Simulation(scene, **options)
     end = LAST * simulation.step_size
-    recorder = Recorder(
-        simulation, folder, end_time=end, fields=4, fragments=True, restart=restart
-    )
+    recorder = Recorder(simulation, folder, end_time=end, fields=4, fragments=True, restart=restart)
     for _ in recorded_steps(recorder, last * simulation.step_size, "run", quiet=True):
         pass
 
