@@ -751,7 +751,7 @@ def _pairs_known(
     facet_tag: npt.NDArray[np.int32],
     pair: npt.NDArray[np.int64],
 ) -> FacetPairs:
-    """As `_pairs_of_whole`, of the cells that a rank knows, by the numbers that `Border` gives."""
+    """As `_pairs_of_whole`, of the cells that a rank knows, by the numbers `CellBorder` gives."""
     from xper_fx.bodies.lattice import FacetPairs
 
     cells, local = (array[:, 0] for array in cells_of_facet)

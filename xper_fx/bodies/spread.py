@@ -24,7 +24,7 @@ from xper_fx.support.ranks import Ranks
 
 if TYPE_CHECKING:
     from xper_fx.bodies.present_tags import PresentTags
-    from xper_fx.bodies.spread_lattice import Border
+    from xper_fx.bodies.spread_lattice import CellBorder
 
 UNTAGGED = np.iinfo(np.int32).min
 """Tag of a facet that has none."""
@@ -55,7 +55,7 @@ class KnownCells(NamedTuple):
     label: npt.NDArray[np.int64]  #: shape (num_cells,), int64, body of each cell
     cell_tags: MeshTags  #: of all cells
     facet_tags: MeshTags  #: of those facets that bear one
-    #: shape (num_cells, facets of a cell), as of `Border`; None if the mesh is no periodic cell
+    #: shape (num_cells, facets of a cell), as of `CellBorder`; None if the mesh is no periodic cell
     pair: npt.NDArray[np.int64] | None
 
 
@@ -65,7 +65,7 @@ def known_cells(
     label: npt.NDArray[np.int64] | None,
     material: npt.NDArray[np.int32],
     facet_tag: npt.NDArray[np.int32],
-    border: Border | None,
+    border: CellBorder | None,
 ) -> KnownCells:
     """Bring each body to one rank, and tell ranks their neighbours; all call it together.
 

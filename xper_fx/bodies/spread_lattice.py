@@ -21,7 +21,7 @@ from xper_fx.support.compat import geometry_dofmap, original_cells
 from xper_fx.support.ranks import Ranks
 
 
-class Border(NamedTuple):
+class CellBorder(NamedTuple):
     """What a rank's own cells have on the boundary of the periodic cell."""
 
     #: shape (num_cells, facets of a cell), int64, number of each facet's pair, which another facet
@@ -39,7 +39,7 @@ def border_of(
     facet_tag: npt.NDArray[np.int32],
     lattice: npt.NDArray[np.float64],
     voids: Sequence[int],
-) -> Border:
+) -> CellBorder:
     """Pair the facets of a cell's boundary; all ranks call it together.
 
     Args:
@@ -84,4 +84,4 @@ def border_of(
     first = JoinedNumbers(ranks, numbers).smallest(pairs)[np.searchsorted(numbers, known)]
     out = np.full(facet_tag.shape, -1, np.int64)
     out[cell, side] = keepers.answer(pair)
-    return Border(out, first[where].reshape(dofmap.shape), lattice)
+    return CellBorder(out, first[where].reshape(dofmap.shape), lattice)

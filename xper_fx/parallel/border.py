@@ -36,7 +36,7 @@ class Border:
         self._all = (clusters[:, None] * dim + np.arange(dim)).ravel()
 
     def factor(self, dofs: np.ndarray, share: np.ndarray | None) -> bool:
-        """As `Border.factor` of `clusters_as_one.py`."""
+        """As `EliminatedBorder.factor` of `clusters_as_one.py`."""
         if not self._ranks.all(share is not None):
             return False
         self._dofs = self._all[dofs]
@@ -84,7 +84,7 @@ class Border:
         return True
 
     def solve(self, force: np.ndarray) -> np.ndarray:
-        """As `Border.solve` of `clusters_as_one.py`."""
+        """As `EliminatedBorder.solve` of `clusters_as_one.py`."""
         whole = np.zeros(self._size)
         whole[self._dofs] = force
         whole = self._ranks.sum(whole)

@@ -27,7 +27,7 @@ from xper_fx.nscd.kernel_options import LEAN_ENTRY
 _KERNEL = njit(fastmath={"contract", "reassoc"}, nogil=True, **LEAN_ENTRY)
 
 
-class Border(Protocol):
+class EliminatedBorder(Protocol):
     """Clusters that ranks share; all ranks do everything together (`parallel/border.py`)."""
 
     @property
@@ -67,7 +67,7 @@ class ClustersAsOne:
         held: np.ndarray,
         inverse: BodyInverse,
         blocks: np.ndarray,
-        border: Border | None = None,
+        border: EliminatedBorder | None = None,
     ):
         self._border = border
         count = 0 if border is None else border.count
