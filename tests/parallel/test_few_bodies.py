@@ -95,11 +95,12 @@ def test_runs_go_on(folders, kind):
     assert files == ({"bulk.xdmf"} if kind == "whole" else {f"bulk_{n}.xdmf" for n in range(3)})
 
 
-@pytest.mark.parametrize("stage", ["set-up", "restart"])
-def test_what_one_rank_raises_ends_all(stage):
+@pytest.mark.parametrize("stage", ["set-up", "restart", "record", "script"])
+def test_what_one_rank_raises_ends_all(stage, tmp_path):
     """Without `run_together`; what all ranks raise can be caught."""
-    done = on_new_ranks(2, "ranks/one_fails.py", stage, timeout=120)
+    done = on_new_ranks(2, "ranks/one_fails.py", stage, tmp_path, timeout=120)
     assert done.returncode != 0
     assert done.stdout.count("all have caught it") == 2 and "gone on" not in done.stdout
     assert done.stderr.count("Rank 1 of 2 failed:") == 1
-    assert done.stderr.count("MemoryError: by hand") == 1
+    said = "SystemExit: left by hand" if stage == "script" else "MemoryError: by hand"
+    assert done.stderr.count(said) == 1

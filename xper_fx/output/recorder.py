@@ -142,37 +142,44 @@ class Recorder:
         self._at_root = simulation.team.at_root
         self._writes = simulation.team.rank == 0
         self._holds = ExitStack()  # the folder, and the files that are open in it
-        self._at_root(self._take_folder)
         self.simulation, self._gauge = simulation, gauge
         self.checkpoint_every, self._saved_at = checkpoint_every, monotonic()
         self._writes_fields = fields > 0
+        self._every = end_time / fields if fields > 0 else np.inf
+        self._parameters = dict(parameters or {})
         self._find_fragments: Callable[[Simulation], np.ndarray] | None = None
+        self._packing_columns: Callable[[Simulation], dict[str, float]] | None = None
+        with simulation.team.ending_all():
+            try:
+                self._begin(fragments, restart)
+            except BaseException:
+                self._holds.close()
+                raise
+        simulation.stopwatch.owns("output", lambda: self.written)
+
+    def _begin(self, fragments: bool, restart: bool) -> None:
+        """Take the folder, go on from its checkpoint if asked to, and open the files."""
+        simulation = self.simulation
+        self._at_root(self._take_folder)
         if fragments:
             from xper_fx.output.connectivity import find_fragments
 
             self._find_fragments = find_fragments
-        self._packing_columns: Callable[[Simulation], dict[str, float]] | None = None
         if simulation.rigid is not None and simulation.detection is not None:
             from xper_fx.output.packing_columns import packing_columns
 
             self._packing_columns = packing_columns
-        try:
-            before = self._restored() if restart else None
-        except BaseException:
-            self._holds.close()
-            raise
+        before = self._restored() if restart else None
         self.restarted = before is not None
         before = before or {}
         simulation.folder = self.folder
         simulation.save_on_failure(self.checkpoint)
-        self._parameters = dict(parameters or {})
         columns = dict.fromkeys(HISTORY_COLUMNS)
         columns |= simulation.ledger.as_columns() | macroscopic_columns(simulation)
         if self._packing_columns is not None:
             columns |= self._packing_columns(simulation)
         if fragments:
             columns["fragments"] = None
-        self._every = end_time / fields if fields > 0 else np.inf
         self._next = before.get("next_fields", 0.0)
         self.strain = before.get("strain", 0.0)
         self._fields = None
@@ -183,16 +190,11 @@ class Recorder:
         self._totals |= before.get("totals", {})
         self._totals["restarts"] += self.restarted
         self._rigid = None
-        try:
-            self._at_root(partial(self._open, tuple(columns), before))
-            if self._writes_fields and self._fields is not None:
-                self._fields.open(before.get("series", {}))
-            if self._writes_fields and not self.restarted:
-                self._write_fields()
-        except BaseException:
-            self._holds.close()
-            raise
-        simulation.stopwatch.owns("output", lambda: self.written)
+        self._at_root(partial(self._open, tuple(columns), before))
+        if self._writes_fields and self._fields is not None:
+            self._fields.open(before.get("series", {}))
+        if self._writes_fields and not self.restarted:
+            self._write_fields()
 
     def _restored(self) -> dict | None:
         """Let the simulation go on from the folder's checkpoint; what `_recording` gave, if any."""
@@ -309,6 +311,10 @@ class Recorder:
             TypeError: no record of a step.
         """
         require_kind("step", step, StepRecord)
+        with self.simulation.team.ending_all():
+            return self._record(step)
+
+    def _record(self, step: StepRecord) -> tuple[float, float]:
         strain, stress = self._gauge.read(self.simulation) if self._gauge else (0.0, 0.0)
         with self.simulation.stopwatch.phase("output"):
             line = {
@@ -351,6 +357,10 @@ class Recorder:
 
     def close(self) -> None:
         """Close the files; write the summary unless a restart finds that of its last step."""
+        with self.simulation.team.ending_all():
+            self._close()
+
+    def _close(self) -> None:
         self.simulation.save_on_failure(None)
         told = self.restarted and steps_told(self.folder / "summary.json") == self._totals["steps"]
         summary = None
@@ -371,6 +381,8 @@ class Recorder:
         if kind is None:
             self.close()
             return
+        if kind is not GeneratorExit:
+            self.simulation.team.end_unless_all_fail()
         try:
             self.close()
         except (OSError, ValueError) as error:

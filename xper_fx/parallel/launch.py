@@ -11,7 +11,7 @@ from collections.abc import Callable
 from mpi4py import MPI
 
 from xper_fx.support.compiling_note import note_compiling
-from xper_fx.support.ranks import end_all
+from xper_fx.support.ranks import Ranks, end_all
 
 
 def run_together(main: Callable[[], object]) -> None:
@@ -40,7 +40,10 @@ def run_together(main: Callable[[], object]) -> None:
             sys.stdout = sys.stderr = nowhere
         try:
             main()
-        except Exception:
+        except SystemExit:
+            Ranks(comm).end_unless_all_fail()
+            raise
+        except BaseException:
             end_all(comm, terminal)
         finally:
             sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__

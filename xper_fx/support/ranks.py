@@ -143,14 +143,21 @@ class Ranks:
     def ending_all(self) -> Iterator[None]:
         """What a rank raises within, and not all do, ends all ranks: they would wait for it.
 
-        Where all raise, each goes on with its own error.
+        Where all raise, each goes on with its own error. An interrupt and an exit are such, too; a
+        generator that is left is not.
         """
         try:
             yield
-        except Exception:
-            if not (self.alone or self._all_fail()):
-                end_all(self.comm, sys.__stderr__)
+        except GeneratorExit:
             raise
+        except BaseException:
+            self.end_unless_all_fail()
+            raise
+
+    def end_unless_all_fail(self) -> None:
+        """End all ranks with the error that is being handled, if others handle none."""
+        if not (self.alone or self._all_fail()):
+            end_all(self.comm, sys.__stderr__)
 
     def _all_fail(self) -> bool:
         """Whether all ranks call this in time; they tell each other beside what else they send."""
