@@ -22,14 +22,16 @@ say nothing.
 
 The model: a step of n points on P ranks takes
 
-    t = w n b / P + sum over x exchanges of (c + o (k - 1) + l) + s (d + l log2 P) + v / B,
+    t = w n b / P + sum over x exchanges of (c + o (k - 1) + l) + sum over s sums of (d + l log2 P)
+        + v / B,
 
 w: least time of a point on one rank; b: imbalance of the partition; x, s: exchanges and sums of a
 step; c, d: what they cost in software, measured on two ranks that begin one together, so that
 nobody waits; k: neighbours of a rank in an exchange; o: what each message more costs, measured with
 eight messages between two ranks in place of one; v: bytes that a rank sends; l, B: latency and
 bandwidth between ranks (assumed: 2 us and 10 GB/s, an InfiniBand network). Messages to several
-neighbours are on their way together; sums go through log2 P stages, as MPI doubles the distance.
+neighbours are on their way together, and so are a sum and a maximum that ranks ask for at once, for
+which d is measured as well; both go through log2 P stages, as MPI doubles the distance.
 b, k, v and the phases of sweeps come from a plate of 10 000 points a rank that is divided for P
 ranks here, of 1e7 points at most. Beyond 1000 ranks parts are smaller, which leaves neighbours and
 phases as they are; v is then that of 10 000 points (it goes with the root), and b that of as many
@@ -79,17 +81,18 @@ class Clock:
     """Counts calls, bytes and seconds of what ranks exchange."""
 
     def __init__(self):
-        self.exchanges = self.sums = 0
+        self.exchanges = self.sums = self.pairs = 0
         for name, returned in (("forward", False), ("back", True), ("add_back", True)):
             self._wrap(Exchange, name, "exchanges", returned)
-        for name in ("sum", "max", "sum_and_max"):  # of few ranks none calls another
+        for name in ("sum", "max"):  # of few ranks none calls another
             self._wrap(Ranks, name, "sums", False)
+        self._wrap(Ranks, "sum_and_max", "pairs", False)
         self.begin()
 
     def begin(self) -> None:
         """Count from here."""
-        self.seconds, self.exchanges, self.sums, self.bytes = 0.0, 0, 0, 0
-        self.processor = 0.0
+        self.exchanges = self.sums = self.pairs = self.bytes = 0
+        self.seconds = self.processor = 0.0
 
     def _wrap(self, kind, name: str, what: str, returned: bool) -> None:
         method = getattr(kind, name)
@@ -158,7 +161,8 @@ def measure(cells: int, scheme: str, threads: int) -> dict:
         "work": ranks.max(busy) / STEPS,
         "exchange": ranks.max(clock.seconds) / sum(taken),
         "exchanges": clock.exchanges / STEPS,
-        "sums": clock.sums / STEPS,
+        "sums": (clock.sums + clock.pairs) / STEPS,
+        "pairs": clock.pairs / STEPS,
         "bytes": ranks.max(clock.bytes) / STEPS,
         "sweeps": sweeps / STEPS,
     }
@@ -174,6 +178,8 @@ def measure(cells: int, scheme: str, threads: int) -> dict:
         found["sum_cost"] = cost_of_call(ranks, lambda: ranks.sum(energies))
         few, agreed._FEW = agreed._FEW, 1
         found["sum_of_many"] = cost_of_call(ranks, lambda: ranks.sum(energies))
+        pair = partial(ranks.sum_and_max, energies, energies)
+        found["pair_of_many"] = cost_of_call(ranks, pair)
         agreed._FEW = few
     return found
 
@@ -252,7 +258,8 @@ def model(counts: list[int], one: dict, two: dict, scheme: str) -> None:
     print(
         f"\nmodel, {scheme}: {1e9 * work:.0f} ns a point; {1e6 * two['exchange_cost']:.1f} us an "
         f"exchange, {1e6 * message:.2f} us a message more, {1e6 * two['sum_cost']:.1f} us a sum, "
-        f"{1e6 * two['sum_of_many']:.1f} of more than {agreed._FEW} ranks"
+        f"{1e6 * two['sum_of_many']:.1f} of more than {agreed._FEW} ranks, "
+        f"{1e6 * two['pair_of_many']:.1f} with a maximum"
     )
     print(f"{'ranks':>6} {'points':>10} {'imbalance':>10} {'cut facets':>11} {'neighbours':>13} "
           f"{'exchanges':>10} {'sums':>6} {'kB':>8} {'step, ms':>9} {'effic.':>11}")  # fmt: skip
@@ -263,8 +270,10 @@ def model(counts: list[int], one: dict, two: dict, scheme: str) -> None:
         messages = (neighbours - 1) * message
         waits = once * (two["exchange_cost"] + messages[0] + LATENCY)
         waits += sweeps * np.sum(two["phase_cost"] + messages[1:] + LATENCY)
-        total = two["sum_cost" if count <= agreed._FEW else "sum_of_many"]
-        waits += two["sums"] * (total + LATENCY * np.log2(count))
+        total = pair = two["sum_cost"]
+        if count > agreed._FEW:
+            total, pair = two["sum_of_many"], two["pair_of_many"]
+        waits += two["sums"] * (total + LATENCY * np.log2(count)) + two["pairs"] * (pair - total)
         sent = 48 * at_cut * (once + 2 * sweeps)  # six dofs of a triangle
         alone = work * POINTS
         step = alone * imbalance + waits + sent / BANDWIDTH

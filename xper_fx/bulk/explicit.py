@@ -38,6 +38,7 @@ from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.stable_step import StableStep
 from xper_fx.bulk.state import State, StepOutcome, Supports, interact, on_nodes, put_on_nodes
 from xper_fx.bulk.step_by_cell import EndedStep, StepByCell
+from xper_fx.bulk.step_energies import NUM_ENERGIES, own_energies
 from xper_fx.cache import njit
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
@@ -211,17 +212,27 @@ class ExplicitScheme:
         if loaded:
             reactions -= others[dofs]
         bulk.forms.set_step(step)
+        own = np.array([sweeps, error, traction])
         with watch.phase("energy"):
             end = self._end(state, velocity, halfway, step, length)
-            power, failed = bulk.ranks.sum(np.array([end.power, not converged])).tolist()
-            shadow_at_end = -0.25 * step * power
+            outcome = StepOutcome(
+                State(state.time + step, end.displacement, velocity, end.forces), slots, impulses,
+                Supports(dofs, reactions), force_impulse, viscous, *own.tolist(), 1, 0.0, converged,
+            )  # fmt: skip
+            energies = np.zeros(NUM_ENERGIES)
+            if converged and math.isfinite(end.power):
+                energies = own_energies(bulk, state, outcome, step, self.theta, held=end.held)
+            sums = np.concatenate([[end.power, not converged], energies])
+            sums, largest = bulk.ranks.sum_and_max(sums, own)
+        power, failed, *energies = sums.tolist()
+        sweeps, error, traction = largest.tolist()
+        shadow_at_end = -0.25 * step * power
         self._left, self._free = _Left(end, step, shadow_at_end), end.free
         # what is not finite is so in the sums too
         converged = failed == 0.0 and math.isfinite(shadow + shadow_at_end)
-        return StepOutcome(
-            State(state.time + step, end.displacement, velocity, end.forces), slots, impulses,
-            Supports(dofs, reactions), force_impulse, viscous, sweeps, error, traction, 1, 0.0,
-            converged, (float(shadow), float(shadow_at_end)), held=end.held,
+        return outcome._replace(
+            sweeps=int(sweeps), residual=error, traction_change=traction, converged=converged,
+            shadow=(float(shadow), float(shadow_at_end)), energies=energies,
         )  # fmt: skip
 
     def _begin(self, state: State, step: float) -> tuple[np.ndarray, float, np.ndarray | None]:

@@ -20,6 +20,7 @@ belongs to hold their equations at the end of the step.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -62,6 +63,7 @@ class ImplicitScheme:
         self._inverses = KeptInverses(bulk, interacting, theta, stopwatch)
         rounding = _ROUNDING * bulk.norm(np.full(bulk.num_dofs, extent(bulk)))
         self._limits = NewtonLimits(newton_tolerance, max_newton, rounding)
+        self._likely_sweeps = 0  # those of the step before
 
     def inverse(self, step: float, displacement: np.ndarray):
         """The inverse for a step size; for a bulk that is not linear, near `displacement`."""
@@ -88,11 +90,15 @@ class ImplicitScheme:
         Returns:
             The outcome, converged or not.
         """
+        if self._likely_sweeps and not self.bulk.ranks.alone:
+            options = replace(options, likely_sweeps=self._likely_sweeps)
         attempt = ImplicitStep(
             self._inverses, self._limits, state, step, interactions, solver, options,
             self._stopwatch,
         )  # fmt: skip
-        return attempt.solve()
+        outcome = attempt.solve()
+        self._likely_sweeps = attempt.sweeps_of_one_solve
+        return outcome
 
     @property
     def nbytes(self) -> int:
@@ -104,9 +110,10 @@ class ImplicitScheme:
         return self._inverses.holds(step)
 
     def saved(self) -> dict:
-        """At what the kept inverses were made."""
-        return {"inverses": self._inverses.saved()}
+        """At what the kept inverses were made, and how long sweeps took."""
+        return {"inverses": self._inverses.saved(), "likely_sweeps": self._likely_sweeps}
 
     def restore(self, saved: Mapping) -> None:
         """Make the inverses that `saved` told of; other solvers keep others."""
         self._inverses.restore(saved.get("inverses", {}))
+        self._likely_sweeps = int(saved.get("likely_sweeps", 0))

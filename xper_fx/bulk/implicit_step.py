@@ -14,6 +14,7 @@ import numpy as np
 
 from xper_fx.bulk.kept_inverses import KeptInverses
 from xper_fx.bulk.state import State, StepOutcome, Supports, interact
+from xper_fx.bulk.step_energies import NUM_ENERGIES, own_energies
 from xper_fx.bulk.step_equations import StepEquations
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver
@@ -84,7 +85,7 @@ class ImplicitStep:
         # that the velocities have
         self._couples: np.ndarray | float = 0.0
         self._couples_left: np.ndarray | float = 0.0
-        self._sweeps, self._solved = 0, True
+        self._sweeps, self._solved, self._swept = 0, True, False
         self._solver_error = self._traction_change = 0.0
         # Newton's correction relative to the velocities, and that of the iteration before
         self._correction, self._correction_before = 0.0, np.inf
@@ -195,6 +196,7 @@ class ImplicitStep:
             self._take_couples()
             self._couples_left = self._couples - couples
             self._sweeps += report.sweeps
+            self._swept = report.solver == "distributed"
             self._solver_error = report.residual
             self._traction_change = report.traction_change
             self._solved = report.converged
@@ -304,32 +306,49 @@ class ImplicitStep:
                 with self._watch.phase("interaction terms"):
                     self._interactions.update_inverse(self._inverse.blocks)
 
+    @property
+    def sweeps_of_one_solve(self) -> int:
+        """Those of ranks that have arrived by the impulses' change, where nothing was solved twice.
+
+        Else 0: what went on in a solve says little of the next one.
+        """
+        arrived = self._solved and self._solver_error <= self._options.tolerance
+        return self._sweeps if self._exact and self._swept and arrived else 0
+
     def _outcome(self, iterations: int) -> StepOutcome:
-        bulk, velocity = self._bulk, self._velocity
-        converged = bulk.ranks.all(
+        bulk, velocity, step = self._bulk, self._velocity, self._step
+        failed = not (
             self._solved
             and self._correction <= self._tolerance
             and self._balance.settled
             and np.all(np.isfinite(velocity))
             and np.all(np.isfinite(self._internal))
         )
-        if not converged:  # matrix and what was learnt may be those of a state gone astray
-            bulk.forget()
-            if not bulk.linear:
-                self._inverses.drop(self._step)
         left = self._residual, self._impulses
         dofs = bulk.layout.prescribed_dofs
         supports = Supports(dofs, -(left[0][dofs] + left[1][dofs]))
         end = State(
-            self._start.time + self._step, self._equations.displacement(velocity), velocity,
+            self._start.time + step, self._equations.displacement(velocity), velocity,
             self._internal, self._external,
         )  # fmt: skip
-        return StepOutcome(
+        outcome = StepOutcome(
             end, self._slots, self._impulses, supports, self._equations.force_impulse,
             bulk.viscous(self._mean(velocity)), self._sweeps, self._solver_error,
             self._traction_change, iterations, max(self._correction, self._balance.error),
-            converged,
+            not failed,
         )  # fmt: skip
+        energies, static = np.zeros(NUM_ENERGIES), bulk.inertia is None
+        if not (failed or static):
+            with self._watch.phase("energy"):
+                theta = self._inverses.theta
+                energies = own_energies(bulk, self._start, outcome, step, theta)
+        failed, *energies = bulk.ranks.sum(np.array([failed, *energies])).tolist()
+        if failed:  # matrix and what was learnt may be those of a state gone astray
+            bulk.forget()
+            if not bulk.linear:
+                self._inverses.drop(step)
+        # those of a static step hang on what it bore before
+        return outcome._replace(converged=not failed, energies=None if static else energies)
 
     def _mean(self, velocity: np.ndarray) -> np.ndarray:
         """Velocity over the step that ends with `velocity`."""

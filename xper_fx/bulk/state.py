@@ -62,9 +62,9 @@ class StepOutcome(NamedTuple):
     #: of a step that has not converged, what failed, in words; empty if all that is known is that
     #: the residuals are too large
     failure: str = ""
-    #: kinetic and elastic energy at the end on this rank (J; 2D: J/m), where the scheme comes by
-    #: them; None elsewhere
-    held: tuple[float, float] | None = None
+    #: of all ranks, as `own_energies` has them of each, where ranks have agreed on the outcome with
+    #: them in one message; None elsewhere
+    energies: list[float] | None = None
 
     @property
     def reactions(self) -> np.ndarray:

@@ -32,6 +32,7 @@ import numpy as np
 
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.state import State, StepOutcome
+from xper_fx.bulk.step_energies import own_energies
 from xper_fx.nscd.stepped_points import StepWork
 
 if TYPE_CHECKING:
@@ -124,10 +125,11 @@ class EnergyLedger:
         self._bulk, self._theta, self._explicit = bulk, theta, explicit
         self._static, self._viscous_bonds = bulk.inertia is None, viscous_bonds
         self._heals = heals
-        kinetic, elastic = self._of_all(
+        held = (
             bulk.kinetic_energy(state.velocity),
             bulk.elastic_energy(state.displacement, state.internal),
         )
+        kinetic, elastic = bulk.ranks.sum(np.array(held)).tolist()
         kinetic += rigid.kinetic if rigid else 0.0
         self.energies = Energies(kinetic=kinetic, elastic=elastic, cohesive=stored)
         self._at_start = self.energies.held_and_lost
@@ -187,20 +189,11 @@ class EnergyLedger:
         """
         after = outcome.state
         nodal, held = self._bulk.unknowns.num_nodes * self._bulk.dim, borne
-        energies = outcome.held or (
-            self._bulk.kinetic_energy(after.velocity),
-            self._bulk.elastic_energy(after.displacement, after.internal),
-        )
-        lost = self._bulk.forms.assemble_dissipation(self._bulk.unknowns.expand(after.displacement))
-        viscous, force = lost.get("viscous", 0.0), outcome.viscous
-        if isinstance(force, np.ndarray):
-            if self._static:
-                force = 0.5 * (force + self._bulk.viscous(before.velocity))
-            viscous += float((after.displacement - before.displacement) @ force)
-        work, kinetic, elastic, viscous, plastic, damped = self._of_all(
-            self._work_on_nodes(before, outcome, step, borne), *energies, viscous,
-            lost.get("plastic", 0.0), self._damped(before, after),
-        )  # fmt: skip
+        of_all = outcome.energies
+        if of_all is None:
+            own = own_energies(self._bulk, before, outcome, step, self._theta, borne)
+            of_all = self._bulk.ranks.sum(own).tolist()
+        work, kinetic, elastic, viscous, plastic, damped = of_all
         if nodal < len(after.displacement):  # of a periodic cell, whose bonds bear couples
             stresses = 0.5 * (before.internal[nodal:] + after.internal[nodal:])
             borne = outcome.impulses[nodal:] / step
@@ -222,20 +215,6 @@ class EnergyLedger:
             damped,
             *(self._of_static_step(before, outcome, step, held, rigid) if self._static else ()),
         )
-
-    def _work_on_nodes(
-        self, before: State, outcome: StepOutcome, step: float, borne: np.ndarray | float
-    ) -> float:
-        """Work of loads and supports on this rank's nodes in a step (J; 2D: J/m)."""
-        start, end, given = before.displacement, outcome.state.displacement, outcome.force_impulse
-        if not (self._static or isinstance(given, np.ndarray)):  # supports alone do any
-            dofs, impulse = outcome.supports
-            return float((end.take(dofs) - start.take(dofs)).dot(impulse)) / step
-        at = slice(self._bulk.unknowns.num_nodes * self._bulk.dim)
-        impulse = (given + outcome.reactions)[at]
-        if self._static:
-            impulse = 0.5 * (impulse + step * np.broadcast_to(borne, start.shape)[at])
-        return float((end[at] - start[at]) @ impulse) / step
 
     def _of_static_step(
         self,
@@ -260,21 +239,6 @@ class EnergyLedger:
         driven = 0.0 if rigid is None else rigid.change
         led = abs(driven) + abs(self._bulk.ranks.sum(float(moved @ change)))
         return float(last), float(now), led
-
-    def _damped(self, before: State, after: State) -> float:
-        """What the scheme takes of this rank's bodies in a step, for theta > 1/2 (J; 2D: J/m)."""
-        excess = self._theta - 0.5
-        if excess <= 0.0 or self._static:
-            return 0.0
-        moved = after.displacement - before.displacement
-        change = after.velocity - before.velocity
-        nodal = self._bulk.unknowns.num_nodes * self._bulk.dim
-        strained = moved[:nodal] @ (after.internal - before.internal)[:nodal]
-        return excess * float(2.0 * self._bulk.kinetic_energy(change) + strained)
-
-    def _of_all(self, *energies: float) -> list[float]:
-        """Energies of all ranks' bodies from those of this rank's, in one message."""
-        return self._bulk.ranks.sum(np.array(energies)).tolist()
 
     def record(
         self, outcome: StepOutcome, step: float, bulk: BulkEnergies, work: StepWork | None

@@ -70,14 +70,27 @@ class Ranks:
         return -self.max(-low), self.max(high)
 
     def sum_and_max(self, added, compared):
-        """Sum of the first and largest of the second; few ranks wait for each other once."""
-        if self.alone or self.size > _FEW:
-            return self.sum(added), self.max(compared)
+        """Sum of the first and largest of the second; ranks wait for each other once.
+
+        Of very many ranks what is no number is not told in the largest: it is to be in the sum.
+        """
+        if self.alone:
+            return added, compared
+        if self.size > _FEW:
+            pending = [self._reducing(added, MPI.SUM), self._reducing(compared, MPI.MAX)]
+            MPI.Request.Waitall([request for request, _, _ in pending])
+            total, largest = (found for _, _, found in pending)
+            return _plain(total), _plain(largest)
         added, compared = (np.asarray(value, np.float64) for value in (added, compared))
         of_all = self._of_all(np.concatenate([added.ravel(), compared.ravel()]))
         total = np.add.reduce(of_all[:, : added.size], axis=0)
         largest = np.maximum.reduce(of_all[:, added.size :], axis=0)
         return _plain(total.reshape(added.shape)), _plain(largest.reshape(compared.shape))
+
+    def _reducing(self, value, op: MPI.Op) -> tuple[MPI.Request, np.ndarray, np.ndarray]:
+        """As `_reduced`, on its way: the request, the buffer it reads, the one it will have."""
+        own, found = np.ascontiguousarray(value, np.float64), np.empty(np.shape(value))
+        return self.comm.Iallreduce(own, found, op), own, found
 
     def _reduced(self, value, op: MPI.Op) -> np.ndarray:
         """What MPI makes of the values of all ranks."""

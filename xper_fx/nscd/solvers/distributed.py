@@ -36,6 +36,8 @@ from xper_fx.nscd.solvers.sweeps import (
     sweep_ranks,
 )
 
+# Sweeps after which ranks tell each other how they go, if they are likely to take so many.
+_FIRST_LOOK = 8
 # Least of the changes of some sweeps, beside the largest, where they are steady; by how many
 # tolerances steps before may have left gaps that contradict each other.
 _STEADY, _LEFT = 0.9, 10.0
@@ -64,20 +66,27 @@ class DistributedSweeps(Solver):
         bodies = _Bodies(interactions, free)
         speed, least = float(np.abs(velocity).max(initial=0.0)), None
         changes: list[float] = []
+        # |dr|^2 and |r|^2 of sweeps since ranks have looked, and when they look again
+        untold: list[np.ndarray] = []
+        early = options.likely_sweeps - 1
+        look = min(early, _FIRST_LOOK)
         for count in range(1, max_sweeps + 1):
             sweep_ranks(interactions, sweep, velocity)
-            squares = sweep.stats[:, :2].sum(axis=0)
+            untold.append(sweep.stats[:, :2].sum(axis=0))
+            if count < min(look, max_sweeps):
+                continue
             if least is None:
-                squares, speed = halo.ranks.sum_and_max(squares, speed)
+                squares, speed = halo.ranks.sum_and_max(np.array(untold), speed)
                 least = interactions.rounding_at(speed) / tolerance
             else:
-                squares = halo.ranks.sum(squares)
-            changed, total = squares.tolist()
-            if not np.isfinite(changed):
+                squares = halo.ranks.sum(np.array(untold))
+            untold, look = [], max(count + 1, min(2 * count, early))
+            if not np.isfinite(squares[:, 0]).all():
                 return SolveReport(False, count, np.inf, np.inf, "distributed")
-            total = max(total, least * least)
-            change = (changed / total) ** 0.5 if total > 0.0 else changed**0.5
-            changes = [*changes[-WINDOW:], change]
+            for changed, total in squares.tolist():
+                total = max(total, least * least)
+                change = (changed / total) ** 0.5 if total > 0.0 else changed**0.5
+                changes = [*changes[-WINDOW:], change]
             error = change
             if change > ROUNDING:
                 error *= amplification(np.array(changes))
@@ -97,17 +106,14 @@ class DistributedSweeps(Solver):
     def _solve_vertices(
         self, interactions: Interactions, velocity: np.ndarray, options: SolveOptions
     ) -> SolveReport:
-        """Each vertex alone, between two exchanges."""
+        """Each vertex alone, between two exchanges; the report is of this rank's vertices."""
         if self._vertices is None:
             self._vertices = _vertex_solver(interactions)
         halo = interactions.halo
         halo.everywhere.forward(velocity)
         report = self._vertices.solve(interactions, velocity, options)
         halo.corners.back(velocity)
-        sweeps, residual, traction, failed = halo.ranks.max(
-            np.array([report.sweeps, report.residual, report.traction_change, not report.converged])
-        ).tolist()
-        return SolveReport(failed == 0.0, int(sweeps), residual, traction, "distributed")
+        return report._replace(solver="distributed")
 
     def kept(self) -> list[object]:
         """What is kept of vertices."""

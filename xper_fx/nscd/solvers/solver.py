@@ -33,6 +33,8 @@ class SolveOptions:
             Results do not depend on it beyond the rounding of the residual.
         last_try: whether the step cannot be cut, so that a static one may go down to a state beyond
             a snap.
+        likely_sweeps: as many as the last solve took, 0 if that says nothing. Ranks do not ask each
+            other before whether they have arrived.
 
     Raises:
         ValueError: a number out of range.
@@ -44,10 +46,12 @@ class SolveOptions:
     relaxation: float = 1.0
     num_threads: int | None = None
     last_try: bool = False
+    likely_sweeps: int = 0
 
     def __post_init__(self) -> None:
         require_positive("tolerance", self.tolerance)
         require_count("max_sweeps", self.max_sweeps, 1)
+        require_count("likely_sweeps", self.likely_sweeps, 0)
         if not 0.0 < require_number("relaxation", self.relaxation) < 2.0:
             raise ValueError(f"relaxation should lie in (0, 2), got {self.relaxation}.")
         if self.num_threads is not None:
