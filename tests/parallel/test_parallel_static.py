@@ -59,8 +59,10 @@ def test_ranks_agree(found, name, count):
     bound = 3e-9 if name.endswith("unrolled") else 1e-9
     for key, size in sizes.items():
         assert np.abs(one[key] - many[key]).max(initial=0.0) <= bound * size, key
-    # a matrix that lacked something would take more corrections to the same end
-    assert many["iterations"].sum() <= 1.3 * one["iterations"].sum()
+    # a matrix that lacked something would take more corrections to the same end; where the first
+    # step of bonds that turn ends is decided by rounding
+    later = slice(int(name.endswith("unrolled")), None)
+    assert many["iterations"][later].sum() <= 1.3 * one["iterations"][later].sum()
 
 
 @several

@@ -140,5 +140,5 @@ def test_a_ledger_of_rounding_alone_is_not_told(path, held, caplog):
         for _ in simulation.steps(len(path) - 1.0):
             pass
         ledger = simulation.ledger
-        assert ledger.from_nowhere > 0.1 and ledger.is_rounding(simulation.state.displacement)
+        assert ledger.from_nowhere > 0.01 and ledger.is_rounding(simulation.state.displacement)
         assert not caplog.records
