@@ -133,8 +133,9 @@ def shifted(path: list, held: bool) -> xf.Simulation:
 @pytest.mark.parametrize(
     ("path", "held"), [([0.0, 1.5], False), ([0.0, 1e-3, 0.0], True)], ids=["moved", "released"]
 )
-def test_a_ledger_of_rounding_alone_is_not_told(path, held, caplog):
+def test_a_ledger_of_rounding_alone_is_not_told(path, held, caplog, monkeypatch):
     """A body that is moved as it is, and one that is stretched and let go."""
+    monkeypatch.setattr("xper_fx.simulation.doubts._UNBALANCED", 0.01)
     simulation = shifted(path, held)
     with caplog.at_level("WARNING", logger="xper_fx"):
         for _ in simulation.steps(len(path) - 1.0):
