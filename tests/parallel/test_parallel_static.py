@@ -151,6 +151,18 @@ def test_a_correction_is_few_messages(found):
     assert found("messages", 2)["messages"] < 32
 
 
+def test_a_step_is_few_sums(found):
+    """One of what is agreed on when an attempt ends, one of what the points did.
+
+    Sweeps have two more where they are as many as in the step before, one for their laws' history,
+    and bonds that may turn one.
+    """
+    told = found("messages", 2)
+    assert told["explicit"][0] == 2.0
+    sums, sweeps = told["implicit"]
+    assert sweeps > 7.0 and sums <= 6.25
+
+
 @pytest.mark.parametrize("count", [count for count in SCENES if "groups" in SCENES[count]])
 def test_groups_that_reach_over_ranks_are_one(found, count):
     one, many = found("groups", 1)["told"], found("groups", count)["told"]

@@ -397,9 +397,11 @@ def stop(scene: xf.Scene, options: dict) -> dict[str, np.ndarray]:
 
 
 def messages() -> dict[str, np.ndarray]:
-    """How many sums, ghosts and decisions ranks exchange for a correction of `peeled`."""
-    scene, options, steps = peeled()
-    counts, simulation = [0], xf.Simulation(scene, **options)
+    """How often ranks wait for each other: for a correction of `peeled`, in steps with inertia.
+
+    The former counts sums, ghosts and decisions, the latter sums, beside sweeps.
+    """
+    counts = [0]
 
     def counted(call):
         def tell(*given):
@@ -408,12 +410,29 @@ def messages() -> dict[str, np.ndarray]:
 
         return tell
 
-    calls = ((Ranks, "_of_all"), (Exchange, "forward"), (Exchange, "add_back"))
+    scene, options, steps = peeled()
+    simulation = xf.Simulation(scene, **options)
+    sums = patch.object(Ranks, "_of_all", counted(Ranks._of_all))
     with ExitStack() as stack:
-        for kind, name in calls:
-            stack.enter_context(patch.object(kind, name, counted(getattr(kind, name))))
+        stack.enter_context(sums)
+        for name in ("forward", "add_back"):
+            ghosts = counted(getattr(Exchange, name))
+            stack.enter_context(patch.object(Exchange, name, ghosts))
         records = list(islice(simulation.steps(1e6), steps))
-    return {"messages": counts[0] / sum(record.newton_iterations for record in records)}
+    told = {"messages": counts[0] / sum(record.newton_iterations for record in records)}
+    scene, options, _ = meshed_scenes.explicit()
+    soft = xf.laws.CohesiveZone(1e3, 1.0, 10.0)
+    scene, step = replace(scene, default_interaction=soft), 0.002
+    swept = {"scheme": "implicit", "solver": "nlgs", "tolerance": 1e-4, "step": step}
+    for scheme, options in (("explicit", options), ("implicit", swept)):
+        simulation = xf.Simulation(scene, **options)
+        taken = simulation.steps(20 * simulation.step_size)
+        list(islice(taken, 4))
+        counts[0] = 0
+        with sums:
+            records = list(taken)
+        told[scheme] = np.array([counts[0], sum(record.sweeps for record in records)]) / 16
+    return told
 
 
 def run(name: str) -> dict[str, np.ndarray]:

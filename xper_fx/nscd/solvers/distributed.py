@@ -36,8 +36,9 @@ from xper_fx.nscd.solvers.sweeps import (
     sweep_ranks,
 )
 
-# Sweeps after which ranks tell each other how they go, if they are likely to take so many.
-_FIRST_LOOK = 8
+# Sweeps after which ranks tell each other how they go, if they are likely to take so many; of those
+# made one in so many may be made in vain before the next look.
+_FIRST_LOOK, _A_LOOK = 8, 32
 # Least of the changes of some sweeps, beside the largest, where they are steady; by how many
 # tolerances steps before may have left gaps that contradict each other.
 _STEADY, _LEFT = 0.9, 10.0
@@ -80,7 +81,7 @@ class DistributedSweeps(Solver):
                 least = interactions.rounding_at(speed) / tolerance
             else:
                 squares = halo.ranks.sum(np.array(untold))
-            untold, look = [], max(count + 1, min(2 * count, early))
+            untold, look = [], max(count + 1 + count // _A_LOOK, min(2 * count, early))
             if not np.isfinite(squares[:, 0]).all():
                 return SolveReport(False, count, np.inf, np.inf, "distributed")
             for changed, total in squares.tolist():
