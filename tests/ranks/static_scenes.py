@@ -420,12 +420,12 @@ def messages() -> dict[str, np.ndarray]:
             stack.enter_context(patch.object(Exchange, name, ghosts))
         records = list(islice(simulation.steps(1e6), steps))
     told = {"messages": counts[0] / sum(record.newton_iterations for record in records)}
-    scene, options, _ = meshed_scenes.explicit()
+    scene, explicit, _ = meshed_scenes.explicit()
     soft = xf.laws.CohesiveZone(1e3, 1.0, 10.0)
     scene, step = replace(scene, default_interaction=soft), 0.002
     swept = {"scheme": "implicit", "solver": "nlgs", "tolerance": 1e-4, "step": step}
-    for scheme, options in (("explicit", options), ("implicit", swept)):
-        simulation = xf.Simulation(scene, **options)
+    for scheme, its in (("explicit", explicit), ("implicit", swept)):
+        simulation = xf.Simulation(scene, **its)
         taken = simulation.steps(20 * simulation.step_size)
         list(islice(taken, 4))
         counts[0] = 0
