@@ -159,16 +159,11 @@ def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
         SerialOnlyError: it has to, and the mesh is spread over the ranks.
     """
     spread = scene.bodies is not None and scene.bodies.spread is not None
-    touching = scene.bodies is not None and _searches(scene)
     why = [
         name
         for name, there in (
             ("rigid bodies alone", scene.bodies is None),
             (f'solver="{_name(options.solver)}"', options.solver not in _ON_RANKS),
-            (
-                "nothing between bodies",
-                scene.bodies and not (touching or scene.ties or scene.bodies.present.facing),
-            ),
         )
         if there
     ]
