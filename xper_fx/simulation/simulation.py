@@ -251,11 +251,12 @@ class Simulation(Restartable):
         """The frictional contact problem of the next step, W assembled; nothing is stepped.
 
         Its contacts are the closed ones, in the order in which searches find them. With a bulk that
-        is not linear it is that of the first iterate.
+        is not linear it is that of the first iterate. Of several ranks each has the problem of all,
+        whose contacts are sorted by law and by what they are known by; all ask together.
 
         Raises:
             UnsuitableSolverError: interactions of another kind than contact with Coulomb friction,
-                a bulk whose vertices are solved alone, contacts that ranks divide.
+                a bulk whose vertices are solved alone.
             ValueError: no contact is closed.
         """
         return self._attempts.contact_problem(self.state, self.step_size)
