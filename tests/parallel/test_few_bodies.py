@@ -18,7 +18,8 @@ pytestmark = pytest.mark.ranks
 
 WHOLE = tuple(few_bodies.SCENES)
 SPREAD = tuple(
-    f"spread_{name}" for name in ("blocks", "explicit", "tied", "static", "struck", "bar", "hole")
+    f"spread_{name}"
+    for name in ("blocks", "assembled", "explicit", "tied", "static", "struck", "bar", "hole")
 )
 SCENES = {3: (*WHOLE, *SPREAD, "misfit", "spread_misfit")}
 
@@ -49,8 +50,9 @@ def test_ranks_without_a_body_change_nothing(found, name):
 
 def test_something_happens_in_what_is_compared(found):
     for name, key in (
-        ("blocks", "dissipated_friction"), ("explicit", "dissipated_impact"), ("tied", "cohesive"),
-        ("static", "cohesive"), ("struck", "dissipated_friction"), ("cell", "cohesive"),
+        ("blocks", "dissipated_friction"), ("assembled", "asked"),
+        ("explicit", "dissipated_impact"), ("tied", "cohesive"), ("static", "cohesive"),
+        ("struck", "dissipated_friction"), ("cell", "cohesive"),
     ):  # fmt: skip
         assert np.abs(found(name, 1)[key]).max() > 0.0, (name, key)
 

@@ -55,6 +55,13 @@ def blocks():
     return scene, EXACT | {"newton_tolerance": 1e-11}, 12
 
 
+def assembled():
+    """Two such blocks meet on the wall by a solver that assembles their contacts."""
+    scene, options, steps = blocks()
+    scene = replace(scene, order=1, materials={1: ELASTIC})
+    return scene, options | {"solver": "friction_problem", "tolerance": 1e-9}, steps
+
+
 def explicit():
     """Two blocks meet; their strains are watched."""
     scene, _, _ = blocks()
@@ -148,7 +155,8 @@ def hole():
     return scene, {"step": 0.02, "inertia": False, "newton_tolerance": 1e-11}, 4
 
 
-SCENES = {f.__name__: f for f in (blocks, explicit, tied, static, swept, struck, cell, bar, hole)}
+OF_ALL = (blocks, assembled, explicit, tied, static, swept, struck, cell, bar, hole)
+SCENES = {scene.__name__: scene for scene in OF_ALL}
 
 
 def run(name: str) -> dict[str, np.ndarray]:
@@ -169,6 +177,11 @@ def run(name: str) -> dict[str, np.ndarray]:
         samples = DisplacementL2(100).value(simulation, None)["displacement"]
         assert np.isfinite(samples).any()
         found["samples"] = np.nan_to_num(samples)
+    if name.endswith("assembled"):
+        problem = simulation.contact_problem()
+        told = simulation.team.comm.allgather((problem.q, problem.W.data))
+        assert all(np.array_equal(a, b) for one in told for a, b in zip(one, told[0], strict=True))
+        found["asked"] = np.sort(problem.solve(tolerance=1e-13).velocity)
     if scene.macroscopic is None:
         mass = measure_fragments(simulation).mass
         spread = scene.bodies.spread is not None
