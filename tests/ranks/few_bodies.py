@@ -25,6 +25,7 @@ from xper_fx.forms.loads import Gravity, PrescribedDisplacement
 from xper_fx.materials import LinearElastic, NeoHookean
 from xper_fx.nscd.laws import CohesiveZone
 from xper_fx.nscd.rigid import Disc, RigidBody, wall
+from xper_fx.output.effects import effects_of
 from xper_fx.output.fragments import measure_fragments
 from xper_fx.output.recorder import Recorder
 from xper_fx.output.run import recorded_steps
@@ -52,6 +53,13 @@ def blocks():
         **EACH_OTHER,
     )  # fmt: skip
     return scene, EXACT | {"newton_tolerance": 1e-11}, 12
+
+
+def assembled():
+    """Two such blocks meet on the wall by a solver that assembles their contacts."""
+    scene, options, steps = blocks()
+    scene = replace(scene, order=1, materials={1: ELASTIC})
+    return scene, options | {"solver": "friction_problem", "tolerance": 1e-9}, steps
 
 
 def explicit():
@@ -130,7 +138,25 @@ def cell():
     return scene, {"step": 0.02, "theta": 0.7, "tolerance": 1e-9, "solver": "nlgs"}, 8
 
 
-SCENES = {f.__name__: f for f in (blocks, explicit, tied, static, swept, struck, cell)}
+def bar():
+    """A bar that swings; its bulk is explicit at first, as nothing else acts on it."""
+    scene = Scene(
+        box_bodies((1.0, 0.5), (6, 3), label=lambda x: 0.0 * x[0]), {1: ELASTIC},
+        loads=[PrescribedDisplacement(LEFT, axis, 0.0) for axis in range(2)],
+        initial_velocity=lambda x: np.stack([0.0 * x[0], x[0] ** 2]),
+    )  # fmt: skip
+    return scene, {"step": "auto", "accuracy": 0.1}, 40
+
+
+def hole():
+    """A static periodic cell of one body."""
+    bodies = cell_of((1, 1), (4, 4), "quadrilateral")
+    scene = Scene(bodies, {1: TURNING}, macroscopic=MIXED)
+    return scene, {"step": 0.02, "inertia": False, "newton_tolerance": 1e-11}, 4
+
+
+OF_ALL = (blocks, assembled, explicit, tied, static, swept, struck, cell, bar, hole)
+SCENES = {scene.__name__: scene for scene in OF_ALL}
 
 
 def run(name: str) -> dict[str, np.ndarray]:
@@ -143,13 +169,20 @@ def run(name: str) -> dict[str, np.ndarray]:
     for record in islice(simulation.steps(1e6), steps):
         for key, value in record.energies.items():
             history.setdefault(key, []).append(value)
+    effects = {row.name for row in effects_of(simulation) if row.on}
+    assert ("several ranks" in effects) == (simulation.team.size > 1)
     found = {key: np.array(values) for key, values in history.items()}
     found["bodies"] = np.array(simulation.team.comm.allgather(simulation.bodies.num_bodies))
     if scene.bodies.spread is None:
         samples = DisplacementL2(100).value(simulation, None)["displacement"]
         assert np.isfinite(samples).any()
         found["samples"] = np.nan_to_num(samples)
-    if name != "cell":
+    if name.endswith("assembled"):
+        problem = simulation.contact_problem()
+        told = simulation.team.comm.allgather((problem.q, problem.W.data))
+        assert all(np.array_equal(a, b) for one in told for a, b in zip(one, told[0], strict=True))
+        found["asked"] = np.sort(problem.solve(tolerance=1e-13).velocity)
+    if scene.macroscopic is None:
         mass = measure_fragments(simulation).mass
         spread = scene.bodies.spread is not None
         found["mass"] = np.concatenate(scenes.COMM.allgather(mass)) if spread else mass

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 from mpi4py import MPI
@@ -110,6 +111,11 @@ def hard_bricks() -> Simulation:
     return bricks(solver="auto", max_sweeps=400)
 
 
+def assembled() -> Simulation:
+    """The same by a solver that wants all contacts."""
+    return bricks(solver="friction_problem")
+
+
 def shear() -> Simulation:
     """A sheet of discs, pressed together from above and below; the top is driven along."""
     bodies = []
@@ -172,6 +178,12 @@ def ropes() -> Simulation:
     pairs = ("discs", "discs"), ("discs", "floor")
     scene = Scene(rigid=bodies, contacts=[Contact(pair, law) for pair in pairs], joints=joints,
                   loads=[Gravity((0.0, -G))])  # fmt: skip
+    return Simulation(scene, 2e-3, tolerance=1e-11, num_threads=1)
+
+
+def swinging() -> Simulation:
+    """The same ropes, which swing through each other: nothing is searched."""
+    scene = replace(ropes().scene, contacts=[])
     return Simulation(scene, 2e-3, tolerance=1e-11, num_threads=1)
 
 
@@ -259,7 +271,8 @@ SCENES = {"clouds": (clouds, 0.16), "falling": (falling, 0.1), "bricks": (bricks
           "shear": (shear, 0.8), "glued": (glued, 1e-4), "ropes": (ropes, 0.12),
           "hard_bricks": (hard_bricks, 0.02), "gas": (gas, 0.4), "pressed": (pressed, 0.15),
           "sheared": (sheared, 0.15), "hard_pressed": (hard_pressed, 0.15),
-          "squeezed": (squeezed, 0.08)}  # fmt: skip
+          "squeezed": (squeezed, 0.08), "swinging": (swinging, 0.04),
+          "assembled": (assembled, 0.01)}  # fmt: skip
 
 
 def results(name: str) -> dict[str, np.ndarray]:
@@ -306,6 +319,7 @@ def results(name: str) -> dict[str, np.ndarray]:
             len(simulation.model.joints.here) if name == "ropes" else 0
         ),
         "reaction": simulation.reaction_of("floor") if name == "bricks" else np.zeros(2),
+        "asked": simulation.contact_problem().q if name == "bricks" else force,
     }
 
 

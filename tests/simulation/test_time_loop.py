@@ -1,11 +1,15 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """What the time loop asks of its parts: tolerances, cut steps, gaps in the middle of the step."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scenes import LEFT, RIGHT, box_bodies, field, nodes
 
 import xper_fx as xf
+from xper_fx.nscd.solvers import UnsuitableSolverError
+from xper_fx.simulation.domain_decomposition import decomposed
 
 BOND = xf.laws.CohesiveZone(100.0, 1.0, 1.0)
 LOADS = [xf.PrescribedVelocity(LEFT, 0, 0.0), xf.PrescribedVelocity(RIGHT, 0, 1.0)]
@@ -127,6 +131,14 @@ def test_a_solver_that_gives_no_report_is_named():
         next(bonded(solver=Silent()).steps(1.0))
     with pytest.raises(NotImplementedError, match="Solver has no method `solve`"):
         next(bonded(solver=xf.solvers.Solver()).steps(1.0))
+
+
+def test_a_solver_of_ones_own_is_refused_on_several_ranks():
+    """Before any rank does anything; it knows the points of one."""
+    simulation, several = bonded(solver=Silent()), SimpleNamespace(alone=False, size=2, rank=0)
+    scene, options, watch = simulation.scene, simulation.options, simulation.stopwatch
+    with pytest.raises(UnsuitableSolverError, match=r"is a Silent, .* \(comm=MPI.COMM_SELF\)"):
+        decomposed(scene, options, several, watch, None)
 
 
 def test_only_a_function_saves_on_failure():

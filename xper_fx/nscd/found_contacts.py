@@ -77,6 +77,11 @@ class FoundContacts:
         """The rolling points of contacts, by law."""
         return [group for known in self._sets for group in known.rolling]
 
+    def keys_of(self, group: PointGroup) -> np.ndarray:
+        """Keys of the contacts of one of the groups, shape (n, 2)."""
+        known = next(k for k in self._sets if any(group is own for own in k.groups))
+        return known.keys[group.indices]
+
     def renew(
         self,
         found: list[FoundPoints],

@@ -7,7 +7,7 @@ classes that follow them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -34,6 +34,12 @@ class Reductions(Protocol):
 
     def all(self, condition: Any) -> bool:
         """Whether something holds on all ranks."""
+
+    def together(self, call: Callable[[], Any]) -> Any:
+        """What a call gives on this rank; what the first that fails raises is raised on all."""
+
+    def from_first(self, call: Callable[[], Any]) -> Any:
+        """What the first rank finds, on all."""
 
 
 class GhostExchange(Protocol):

@@ -16,6 +16,7 @@ from xper_fx.nscd.point_group import PointGroup, bytes_of_groups
 from xper_fx.nscd.points import InteractionPoints
 
 if TYPE_CHECKING:
+    from xper_fx.nscd.found_contacts import FoundContacts
     from xper_fx.nscd.splitting.fused_points import FusedPoints
 
 # Share of its fracture energy that a broken bond has spent.
@@ -36,6 +37,7 @@ class PointValues:
     rigid_blocks_of_all: np.ndarray
     _rigid_share: RigidSharing | None
     _permanent: PermanentGroups
+    _found: FoundContacts
 
     # What ranks that share points agree on, so that all of them decide alike
 
@@ -86,6 +88,16 @@ class PointValues:
     def numbers(self) -> np.ndarray:
         """Numbers of this rank's permanent points in the scene's order, shape (num_points,)."""
         return np.arange(len(self)) if self.halo is None else self.halo.numbers
+
+    def known_by(self, group: PointGroup) -> np.ndarray:
+        """What tells the points of one law apart on all ranks, shape (n, 3), whole numbers.
+
+        Args:
+            group: of permanent points, or of contacts found.
+        """
+        if any(group is found for found in self._found.groups):
+            return np.pad(self._found.keys_of(group), ((0, 0), (1, 0)), constant_values=1)
+        return np.pad(self.numbers[group.indices, None], ((0, 0), (0, 2)))
 
     @property
     def num_points(self) -> int:

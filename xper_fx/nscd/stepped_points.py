@@ -125,7 +125,6 @@ class SteppedPoints(PointValues):
     #: what contacts lost in the step last committed that a scheme with theta > 1/2 would else count
     #: as its damping (J; 2D: J/m)
     from_scheme: float
-    _found: FoundContacts
     _carried: FoundContacts
     _jointed: bool
     _motion: LipMotion

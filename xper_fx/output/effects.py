@@ -191,7 +191,7 @@ EFFECTS = (
         "several ranks",
         lambda s: not s.ranks.alone,
         # bodies of rigid scenes are divided from the first contact on
-        lambda s: 0 if s.interactions.halo is None else s.interactions.halo.nbytes,
+        lambda s: getattr(getattr(s.interactions, "halo", None), "nbytes", 0),
     ),
     Effect(
         "vertex problems",

@@ -99,9 +99,15 @@ class CellBulk(Bulk):
     def _prescribed(self) -> np.ndarray:
         out = np.zeros(self.num_dofs, bool)
         out[self.unknowns.macroscopic] = self.drive.kinematic(self.dim)
-        if self._static and self.ranks.rank == 0:
+        if self._static and self._is_first:
             out[: self.dim] = True  # the translation of u#, which nothing else holds
         return out
+
+    @property
+    def _is_first(self) -> bool:
+        """Whether this rank is the first one with bodies; all ranks ask together."""
+        rank, size = self.ranks.rank, self.ranks.size
+        return self.ranks.max(size - rank if self.unknowns.num_nodes else 0) == size - rank
 
     def _held_by_interactions(self, joined: np.ndarray) -> bool:
         """See `Bulk`: one body, or bodies joined to one; the translation is held here.
@@ -126,8 +132,11 @@ class CellBulk(Bulk):
         first = np.empty((unknowns.num_nodes, self.dim))
         first[unknowns.node_of] = unknowns.position
         apart = unknowns.position - first[unknowns.node_of]
-        size = np.ptp(unknowns.position, axis=0).max()
-        if np.linalg.matrix_rank(apart / size, tol=1e-6) < self.dim - 1:
+        ways = self.dim  # of ranks without the body
+        if len(apart):
+            size = np.ptp(unknowns.position, axis=0).max()
+            ways = np.linalg.matrix_rank(apart / size, tol=1e-6)
+        if not self.ranks.all(ways >= self.dim - 1):
             raise ValueError(
                 "Without inertia the cell's body should be tied to itself across the boundary in "
                 f"{self.dim - 1} direction(s) at least, or it is free to turn: take inertia=True."

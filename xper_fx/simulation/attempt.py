@@ -155,10 +155,10 @@ class StepAttempts:
         from xper_fx.nscd.solvers.contact_problem import CapturedContacts
 
         model, own, captured = self._model, self.solver, CapturedContacts()
-        if model.by_vertex or model.monolithic or not model.ranks.alone:
+        if model.by_vertex or model.monolithic:
             raise UnsuitableSolverError(
-                "A contact problem is assembled on one rank, of an implicit bulk with inertia or "
-                "of rigid bodies."
+                "A contact problem is assembled of an implicit bulk with inertia or of rigid "
+                "bodies."
             )
         if model.interactions is not None:
             self.solver = captured
@@ -344,6 +344,10 @@ class StepAttempts:
         model = self._model
         self._find_contacts(state, size, prediction)
         divided = model.division is not None and model.division.halo is not None
+        if divided and self.solver.name not in ("auto", "nlgs"):
+            # other solvers want all contacts on each rank
+            model.detection.join()
+            return self._interact(state, size, options, prediction)
         solver = solvers.DistributedSweeps() if divided else self.solver
         if model.joints is not None:
             solver = model.joints.around(solver, model.rigid)
@@ -354,13 +358,12 @@ class StepAttempts:
             logger.info("%s: sweeps go on from t = %g s", outcome.failure, state.time)
             model.leave_one_system()
             return model.scheme.attempt(state, size, model.interactions, solver, options)
-        if self.solver.name != "auto":
+        if self.solver.name == "nlgs":
             return model.scheme.attempt(state, size, model.interactions, solver, options)
         few = replace(options, max_sweeps=math.ceil(_SWEEPS_TOGETHER * options.max_sweeps))
         outcome = model.scheme.attempt(state, size, model.interactions, solver, few)
         if outcome.converged:
             return outcome
-        # other solvers want all contacts on each rank
         model.detection.join()
         return self._interact(state, size, options, prediction)
 

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from xper_fx.bodies.meshes import SerialOnlyError
-from xper_fx.nscd.solvers.solver import Solver
+from xper_fx.nscd.solvers.solver import Solver, UnsuitableSolverError
 from xper_fx.scene.scene import Scene
-from xper_fx.simulation.options import Options
+from xper_fx.simulation.options import SOLVERS, Options
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import ALONE, Ranks
 
@@ -24,7 +24,10 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 # Solvers of ranks that divide the bodies.
-_ON_RANKS = ("auto", "nlgs", "newton", "accelerated", "monolithic")
+_ON_RANKS = (
+    "auto", "nlgs", "newton", "accelerated", "monolithic", "friction_problem", "interior_point",
+    "proximal_point", "anderson",
+)  # fmt: skip
 
 
 class Decomposition(NamedTuple):
@@ -58,8 +61,11 @@ def decomposed(
     """
     if team.alone:
         return Decomposition()
+    _refuse_solver_of_one_rank(options.solver, team)
     touching = _searches(scene)
-    if scene.bodies is None and touching and options.solver in ("auto", "nlgs"):
+    if scene.bodies is None:
+        if not touching or _name(options.solver) not in ("auto", "nlgs"):
+            return Decomposition(team)
         from xper_fx.parallel.rigid_partition import RigidDivision
 
         moves = ~scene.rigid_bodies.is_prescribed.all(axis=1)
@@ -152,36 +158,36 @@ def _searches(scene: Scene) -> bool:
     return any(contact.law is not None for contact in scene.contacts)
 
 
+def _refuse_solver_of_one_rank(solver: str | Solver, team: Ranks) -> None:
+    """Raise an UnsuitableSolverError where a solver of one's own would see one rank's points."""
+    if _name(solver) in SOLVERS:
+        return
+    raise UnsuitableSolverError(
+        f"solver is a {type(solver).__name__}, which knows the points of one rank, and {team.size} "
+        "ranks divide them: run it on one (comm=MPI.COMM_SELF), or take a solver by its name, or "
+        "Simulation.contact_problem(), which all ranks have whole."
+    )
+
+
 def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
     """Whether each rank has to simulate all of a scene; warns of it, and says why.
 
     Raises:
         SerialOnlyError: it has to, and the mesh is spread over the ranks.
     """
-    spread = scene.bodies is not None and scene.bodies.spread is not None
-    touching = scene.bodies is not None and _searches(scene)
-    why = [
-        name
-        for name, there in (
-            ("rigid bodies alone", scene.bodies is None),
-            (f'solver="{_name(options.solver)}"', options.solver not in _ON_RANKS),
-            (
-                "nothing between bodies",
-                scene.bodies and not (touching or scene.ties or scene.bodies.present.facing),
-            ),
-        )
-        if there
-    ]
-    if why and spread:
+    name = _name(options.solver)
+    if name in _ON_RANKS:
+        return False
+    if scene.bodies.spread is not None:
         raise SerialOnlyError(
-            f"The mesh is spread over {team.size} ranks, and a scene that has {' and '.join(why)} "
-            "is simulated whole: build the mesh on MPI.COMM_SELF."
+            f"The mesh is spread over {team.size} ranks, and a scene that has "
+            f'solver="{name}" is simulated whole: build the mesh on MPI.COMM_SELF.'
         )
-    if why and team.rank == 0:
+    if team.rank == 0:
         logger.warning(
-            "each of %d ranks simulates the whole scene, as it has %s", team.size, " and ".join(why)
+            'each of %d ranks simulates the whole scene, as it has solver="%s"', team.size, name
         )
-    return bool(why)
+    return True
 
 
 def _name(solver: str | Solver) -> str:

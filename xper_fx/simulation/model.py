@@ -445,7 +445,7 @@ def _begins_explicit(options: Options, scene: Scene, bulk: Bulk, part: LocalBodi
     picked = options.scheme_is_picked and options.scheme == "implicit"
     if not (picked and options.requested.adapts_step and options.inertia and options.theta == 0.5):
         return False
-    if scene.bodies is None or part is not None or not bulk.linear or bulk.damping is not None:
+    if scene.bodies is None or not bulk.linear or bulk.damping is not None:
         return False
     bonds = scene.law_of_facet()[1] >= 0
     others = scene.rigid, scene.contacts, scene.walls, scene.ties, scene.joints

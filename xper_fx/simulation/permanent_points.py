@@ -75,7 +75,7 @@ class ScenePoints:
     @property
     def exist(self) -> bool:
         """Whether the scene has points; this rank may have none of them."""
-        return len(self._points) > 0
+        return (len(self._points) if self._part is None else self._num_points_of_all) > 0
 
     @property
     def law_of_point(self) -> np.ndarray:

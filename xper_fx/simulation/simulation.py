@@ -79,7 +79,7 @@ class Simulation(Restartable):
             without inertia, where bonds may break or interactions alone hold bodies, and with it
             where bonds are initially rigid, until a step does not converge. An explicit
             bulk with nodal points solves each vertex alone, and takes "auto" only. A `Solver` of
-            one's own is taken too (`nscd/solvers/solver.py`).
+            one's own is taken too, on one rank (`nscd/solvers/solver.py`).
         relaxation: over-relaxation of impulses where a law is linear, in (0, 2).
         newton_tolerance: bound on the last relative Newton correction; with interactions at least
             a hundredth of `tolerance`. 1e-8 if not given, or a thousandth of `accuracy`.
@@ -97,10 +97,8 @@ class Simulation(Restartable):
         path: finds the load of a static run, `GrowthControl()` or `DissipationControl(...)`.
         num_threads: threads of the interaction solver; all that Numba has if not given.
         comm: ranks that simulate the scene together, each with the same scene. They divide the
-            bodies of scenes of meshed bodies that interact at their facets, in ties, with walls or
-            by contacts that are searched, also beside rigid ones, and the contacts of scenes of
-            rigid bodies alone where there are enough (`parallel/rigid_partition.py`); other scenes
-            every rank simulates as a whole.
+            meshed bodies of scenes, also beside rigid ones, and the contacts of scenes of rigid
+            bodies alone where there are enough (`parallel/rigid_partition.py`).
             MPI.COMM_SELF if each rank has a scene of its own.
 
     Attributes:
@@ -251,11 +249,12 @@ class Simulation(Restartable):
         """The frictional contact problem of the next step, W assembled; nothing is stepped.
 
         Its contacts are the closed ones, in the order in which searches find them. With a bulk that
-        is not linear it is that of the first iterate.
+        is not linear it is that of the first iterate. Of several ranks each has the problem of all,
+        whose contacts are sorted by law and by what they are known by; all ask together.
 
         Raises:
             UnsuitableSolverError: interactions of another kind than contact with Coulomb friction,
-                a bulk whose vertices are solved alone, contacts that ranks divide.
+                a bulk whose vertices are solved alone.
             ValueError: no contact is closed.
         """
         return self._attempts.contact_problem(self.state, self.step_size)

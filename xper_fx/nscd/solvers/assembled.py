@@ -77,12 +77,8 @@ class AssembledContacts(Solver):
             if assembled.problem is None:
                 assembled.take(np.zeros(0))
             else:
-                result = assembled.problem.solve(
-                    self.method,
-                    tolerance=asked,
-                    guess=assembled.impulses(),
-                    max_sweeps=options.max_sweeps,
-                    **self._local,
+                result = assembled.solve(
+                    self.method, tolerance=asked, max_sweeps=options.max_sweeps, **self._local
                 )
                 assembled.take(result.reaction)
                 sweeps += result.sweeps

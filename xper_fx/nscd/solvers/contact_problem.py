@@ -8,6 +8,9 @@ what the laws ask for, u' = u - least n + shift,
 
 A point without friction, or that cannot slide, gets a tangent that nothing couples to: its impulse
 is zero. A point that no impulse can open carries none, as its law has it (`laws/coulomb.py`).
+
+Ranks that divide the contacts all have the problem of all (`shared_contacts.py`), which the first
+solves.
 """
 
 from __future__ import annotations
@@ -15,14 +18,16 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import csr_array, diags_array, vstack
+from scipy.sparse import csr_array, diags_array
 
 from xper_fx.nscd.algebra.small import SINGULAR, sym_indices
 from xper_fx.nscd.friction import FrictionProblem
+from xper_fx.nscd.friction.problem import FrictionResult
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.laws.law import CoulombPoints
 from xper_fx.nscd.opening_matrix import inverse_matrix, opening_matrix
 from xper_fx.nscd.point_group import PointGroup
+from xper_fx.nscd.solvers.shared_contacts import ClosedRows, share
 from xper_fx.nscd.solvers.solver import (
     SolveOptions,
     Solver,
@@ -37,49 +42,66 @@ _ROUNDING = 1e-12
 
 
 class ContactProblem:
-    """The closed contacts of a step, assembled.
+    """The closed contacts of a step, assembled; ranks that divide them make it together.
 
     Args:
         interactions: points after `begin_step`.
-        free: shape (num_slots * dim,), free velocities (m/s).
+        free: shape (num_slots * dim,), free velocities (m/s); ghosts follow their owners.
 
     Attributes:
-        problem: of the closed contacts, in the order of the groups; None if there are none.
+        problem: of the closed contacts, in the order of the groups, of those of several ranks as
+            `shared_contacts.py` says; None if there are none.
         closed: of each group, which points are in it, shape (n,).
 
     Raises:
-        UnsuitableSolverError: a law of another kind, contacts that ranks divide, or a contact that
-            can move along some oblique directions only.
+        UnsuitableSolverError: a law of another kind, or a contact that can move along some oblique
+            directions only.
     """
 
     def __init__(self, interactions: Interactions, free: np.ndarray):
-        if interactions.halo is not None:
-            raise UnsuitableSolverError("Contacts that ranks divide are not assembled.")
-        self._groups, dim = interactions.groups, interactions.dim
-        parts = [_ClosedPoints(g, dim, len(free)) for g in self._groups]
+        self._groups, dim, halo = interactions.groups, interactions.dim, interactions.halo
+        self._ranks = None if halo is None else halo.ranks
+        interactions.refresh_ghosts(free)
+
+        def closed_points() -> list[_ClosedPoints]:
+            return [_ClosedPoints(g, dim, free) for g in self._groups]
+
+        parts = closed_points() if self._ranks is None else self._ranks.together(closed_points)
         self.closed = [part.closed for part in parts]
-        self._tip, self.problem = np.zeros((0, dim)), None
-        if not any(map(np.any, self.closed)):
-            return
-        opening = vstack([part.opening for part in parts]).tocsr()
-        W = opening @ inverse_matrix(interactions.inverse) @ opening.T
-        W += diags_array(np.concatenate([part.padding for part in parts]))
-        self._tip = np.concatenate([part.tip for part in parts])
-        wanted = np.concatenate([part.wanted for part in parts])
-        q = opening @ free - W @ self._tip.ravel() - wanted.ravel()
-        friction = np.concatenate([part.friction for part in parts])
-        self.problem = FrictionProblem(W, q, friction, dim)
+        rows = ClosedRows.joined([part.rows for part in parts], dim, len(free))
+        self._own = np.arange(len(rows.tip))
+        if self._ranks is None:
+            W = rows.opening @ inverse_matrix(interactions.inverse) @ rows.opening.T
+        else:
+            rows, W, self._own = share(interactions, rows, self.closed)
+        self._tip, self.problem = rows.tip, None
+        if len(rows.tip):
+            W += diags_array(rows.padding.ravel())
+            q = rows.free - W @ rows.tip.ravel() - rows.wanted.ravel()
+            self.problem = FrictionProblem(W, q, rows.friction, dim)
+
+    def solve(self, method: str, **options) -> FrictionResult:
+        """As `FrictionProblem.solve`, from the impulses of the points as they are."""
+        guess = self.impulses()
+
+        def solved() -> FrictionResult:
+            return self.problem.solve(method, guess=guess, **options)
+
+        return solved() if self._ranks is None else self._ranks.from_first(solved)
 
     def impulses(self) -> np.ndarray:
         """r' of the points as they are, shape (num_closed * dim,), N s."""
-        reaction = self._tip.copy()
+        impulse, own = np.zeros((2, *self._tip.shape))
         for (first, last), g, closed in self._parts():
-            reaction[first:last, : g.impulse.shape[1]] += g.impulse[closed]
-        return reaction.ravel()
+            own[first:last, : g.impulse.shape[1]] = g.impulse[closed]
+        impulse[self._own] = own[: len(self._own)]
+        if self._ranks is not None:
+            impulse = self._ranks.sum(impulse)
+        return (self._tip + impulse).ravel()
 
     def take(self, reaction: np.ndarray) -> None:
         """Give the points the impulses of a solution r', shape (num_closed * dim,), N s."""
-        impulse = reaction.reshape(self._tip.shape) - self._tip
+        impulse = (reaction.reshape(self._tip.shape) - self._tip)[self._own]
         for (first, last), g, closed in self._parts():
             g.impulse[:] = 0.0
             g.impulse[closed] = impulse[first:last, : g.impulse.shape[1]]
@@ -115,17 +137,14 @@ class CapturedContacts(Solver):
 
 
 class _ClosedPoints:
-    """What the closed points of a group give to the problem, n of them.
+    """What the closed points of a group give to the problem.
 
     Attributes:
         closed: which points they are.
-        opening: H^T, shape (n dim, num_dofs), rows of tangents without friction empty.
-        padding: shape (n dim,), what stands for these rows on the diagonal of W.
-        tip, wanted: shape (n, dim): tips, and the velocities that the laws ask for.
-        friction: shape (n,).
+        rows: of these.
     """
 
-    def __init__(self, group: PointGroup, dim: int, num_dofs: int):
+    def __init__(self, group: PointGroup, dim: int, free: np.ndarray):
         coulomb = group.kernels.coulomb
         points: CoulombPoints | None = None
         if coulomb is not None:
@@ -152,13 +171,15 @@ class _ClosedPoints:
         kept = np.zeros((n, dim), bool)
         kept[:, 0] = True
         kept[rubs, 1:components] = True
-        self.opening = _rows(opening_matrix(group, num_dofs), self.closed, kept, components)
-        self.padding = np.where(kept, 0.0, normal[:, None]).ravel()
-        self.tip, self.wanted = np.zeros((2, n, dim))
-        self.tip[:, 0] = points.tip[self.closed]
-        self.wanted[:, 0] = points.least[self.closed]
-        self.wanted[:, 1:] = np.where(kept[:, 1:], -points.shift[self.closed], 0.0)
-        self.friction = points.friction[self.closed]
+        opening = _rows(opening_matrix(group, len(free)), self.closed, kept, components)
+        tip, wanted = np.zeros((2, n, dim))
+        tip[:, 0] = points.tip[self.closed]
+        wanted[:, 0] = points.least[self.closed]
+        wanted[:, 1:] = np.where(kept[:, 1:], -points.shift[self.closed], 0.0)
+        self.rows = ClosedRows(
+            opening, np.where(kept, 0.0, normal[:, None]), tip, wanted, opening @ free,
+            points.friction[self.closed],
+        )  # fmt: skip
 
 
 def _matrices(packed: np.ndarray, components: int) -> np.ndarray:
