@@ -154,7 +154,8 @@ def test_the_same_motion_as_by_sweeps(solver, law):
     """A pile pushed aside, part of which slides: positions agree to the tolerance."""
     scene = pile_of_blocks(law, gravity=(6.0, -GRAVITY))
     # rounding ends the interior point near 1e-9
-    mine, sweeps = (after(scene, 40, solver=name, tolerance=1e-8) for name in (solver, "nlgs"))
+    tolerance = 1e-8 if solver == "interior_point" and law.kernels(2).evolve is None else 1e-9
+    mine, sweeps = (after(scene, 40, solver=name, tolerance=tolerance) for name in (solver, "nlgs"))
     moved = mine.rigid.state.position - mine.rigid.start.position
     assert np.abs(moved).max() > 1e-5
     np.testing.assert_allclose(
