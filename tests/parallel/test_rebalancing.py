@@ -183,6 +183,7 @@ def folders(tmp_path_factory):
         return [int(step) for step in re.findall(r"divided anew in step (\d+)", done.stdout)]
 
     divided = run("two=16", "early=10", "late=12"), run("early=16", "late=16", "restart")
+    divided += run("spread=16", "spread_10=10"), run("spread_10=16", "restart")
     rebalanced.record(f"{base}/one", 16, restart=False)
     return base, *divided
 

@@ -7,8 +7,10 @@ from pathlib import Path
 from unittest.mock import patch
 
 import numpy as np
+import scenes
 import touching_bodies
 from asked_scenes import run_asked
+from mpi4py import MPI
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 import moving_load
@@ -59,8 +61,11 @@ def hinged() -> dict[str, np.ndarray]:
 
 
 def record(folder: str, last: int, restart: bool) -> None:
-    """Run plates that break up to a step, or go on to it."""
+    """Run plates that break up to a step, or go on to it; the folder's name says how meshed."""
+    if "spread" in folder:
+        scenes.COMM = MPI.COMM_WORLD
     scene, options, _ = touching_bodies.explicit_shards()
+    scenes.COMM = MPI.COMM_SELF
     with patch.multiple(rebalancing, **TWICE):
         simulation = Simulation(scene, **options)
         end = LAST * simulation.step_size
