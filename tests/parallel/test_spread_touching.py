@@ -43,7 +43,7 @@ def found(tmp_path_factory):
 @pytest.mark.parametrize(("count", "name"), runs)
 def test_ranks_agree(found, name, count):
     one, many = found(name.removeprefix("moved_"), 1), found(name, count)
-    assert many.pop("partitions", 2) >= 2
+    assert many.pop("moves", 2) >= 2
     assert set(one) == set(many)
     least = {"one_end": 0, "rammed": 4, "thrown": 2, "on_edge": 1}.get(name, 10)
     assert one["pushed"].max() >= least

@@ -2,8 +2,11 @@
 """Bodies that all ranks divide anew again and again; the first writes what came out."""
 
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from unittest.mock import patch
 
 import numpy as np
@@ -15,9 +18,10 @@ from mpi4py import MPI
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 import moving_load
 
+from xper_fx.output import checkpoint
 from xper_fx.output.recorder import Recorder
 from xper_fx.output.run import recorded_steps
-from xper_fx.parallel import rebalancing
+from xper_fx.parallel import rebalancing, spread_rebalancing
 from xper_fx.parallel.launch import run_together
 from xper_fx.scene.joints import Hinge
 from xper_fx.simulation.simulation import Simulation
@@ -37,6 +41,8 @@ def run(name: str) -> dict[str, np.ndarray]:
             return moving_load.run(6, 1, 160, 160)
     if name == "hinged":
         return hinged()
+    if name == "again":
+        return again()
     partition = rebalancing.partition_bodies
     with (
         patch.multiple(rebalancing, **AT_EACH_LOOK),
@@ -60,14 +66,54 @@ def hinged() -> dict[str, np.ndarray]:
     return {"ranks": ranks, "solids": second.rigid.state.velocity}
 
 
-def record(folder: str, last: int, restart: bool) -> None:
-    """Run plates that break up to a step, or go on to it; the folder's name says how meshed."""
-    if "spread" in folder:
-        scenes.COMM = MPI.COMM_WORLD
+@contextmanager
+def to_and_fro() -> Iterator[None]:
+    """Let bodies of spread meshes go to the other end of the ranks every four steps."""
+    bisected = spread_rebalancing.bisected
+
+    def turned(ranks, x, work):
+        mean = ranks.sum(x[:, 0].sum()) / ranks.sum(len(x))
+        first_is_left = ranks.comm.bcast(x[:, 0].mean()) < mean
+        return bisected(ranks, -x if first_is_left else x, work)
+
+    with (
+        patch.multiple(rebalancing, **AT_EACH_LOOK),
+        patch.object(spread_rebalancing, "bisected", turned),
+    ):
+        yield
+
+
+def spread_plates() -> Simulation:
+    """Plates that break, of a mesh that is spread over all ranks and made anew."""
+    scenes.COMM = MPI.COMM_WORLD
     scene, options, _ = touching_bodies.explicit_shards()
     scenes.COMM = MPI.COMM_SELF
-    with patch.multiple(rebalancing, **TWICE):
-        simulation = Simulation(scene, **options)
+    return Simulation(scene, **options)
+
+
+def again() -> dict[str, np.ndarray]:
+    """Energies of bodies that go to and fro; of runs that go on, before and after a division."""
+    found: dict[str, list] = {}
+    with to_and_fro(), TemporaryDirectory() as own:
+        base, simulation = Path(MPI.COMM_WORLD.bcast(own)), spread_plates()
+        for record in simulation.steps(LAST * simulation.step_size):
+            found.setdefault("whole", []).append(list(record.energies.values()))
+            if record.step in (8, 10):
+                checkpoint.save(base / f"{record.step}.h5", simulation)
+        for step in (8, 10):
+            simulation = spread_plates()
+            checkpoint.restore(base / f"{step}.h5", simulation)
+            for record in simulation.steps(LAST * simulation.step_size):
+                found.setdefault(f"from_{step}", []).append(list(record.energies.values()))
+    return {name: np.array(energies) for name, energies in found.items()}
+
+
+def record(folder: str, last: int, restart: bool) -> None:
+    """Run plates that break up to a step, or go on to it; the folder's name says how meshed."""
+    spread = folder.endswith("spread")
+    scene, options, _ = touching_bodies.explicit_shards()
+    with to_and_fro() if spread else patch.multiple(rebalancing, **TWICE):
+        simulation = spread_plates() if spread else Simulation(scene, **options)
         end = LAST * simulation.step_size
         recorder = Recorder(
             simulation, folder, end_time=end, fields=6, fragments=True, restart=restart

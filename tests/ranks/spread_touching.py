@@ -20,9 +20,8 @@ from xper_fx.output.frames import take_frame
 from xper_fx.output.joint_forces import find_joint_forces
 from xper_fx.output.recorder import Recorder
 from xper_fx.output.run import recorded_steps
-from xper_fx.parallel import rebalancing, spread_rebalancing
 from xper_fx.parallel.launch import run_together
-from xper_fx.scene import Scene
+from xper_fx.scene import Scene, moved_scene
 from xper_fx.scene.contact import Contact
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.compat import geometry_dofmap
@@ -224,18 +223,12 @@ def run(name: str) -> dict[str, np.ndarray]:
 
 
 def moved(name: str) -> dict[str, np.ndarray]:
-    """A scene whose bodies change their ranks every few steps, to and fro; how often they did."""
-    bisected, often = spread_rebalancing.bisected, [0]
-
-    def turned(ranks, x, work):
-        often[0] += 1
-        return bisected(ranks, x if often[0] % 2 else -x, work)
-
+    """A scene whose bodies change their ranks every few steps, and how often they did."""
     with (
-        patch.multiple(rebalancing, **rebalanced.AT_EACH_LOOK),
-        patch.object(spread_rebalancing, "bisected", turned),
+        rebalanced.to_and_fro(),
+        patch.object(moved_scene, "moved_scene", wraps=moved_scene.moved_scene) as calls,
     ):
-        return run(name) | {"partitions": np.array(often[0])}
+        return run(name) | {"moves": np.array(calls.call_count)}
 
 
 def held(comm: MPI.Comm) -> float:
