@@ -18,7 +18,7 @@ from xper_fx.parallel.rebalancing import Rebalancing
 sys.path.insert(0, str(Path(__file__).parents[1] / "ranks"))
 import rebalanced
 
-SCENES = {2: ("explicit_shards", "pelted", "split_pelted", "pile", "again"), 3: ("hinged",)}
+SCENES = {2: ("explicit_shards", "pelted", "split_pelted", "pile", "again"), 3: ("hinged", "there_and_back", "asked")}
 RUNS = SCENES[2][:3]
 
 
@@ -242,6 +242,30 @@ def test_each_rank_writes_the_bodies_that_it_began_with(folders, name):
     for rows, others in zip(one, two, strict=True):
         assert rows.shape == others.shape
         assert np.abs(rows - others).max() <= 1e-7 * np.abs(rows).max()
+
+
+@pytest.mark.ranks
+def test_bodies_of_a_spread_mesh_that_come_back_are_what_they_were(found):
+    """A rank has known what the one before it did, its facets and tags, and nothing else."""
+    told = found("there_and_back", 3)
+    at_first, then, back = told["known"]
+    np.testing.assert_array_equal(then, np.roll(at_first, 1))
+    np.testing.assert_array_equal(back, at_first)
+    assert len(told["facets"]) > 100 and len({*told["cells"][:, 1]}) > 100
+    for name in ("cells", "facets"):
+        for when in ("then", "back"):
+            np.testing.assert_array_equal(told[f"{when}_{name}"], told[name])
+
+
+@pytest.mark.ranks
+def test_a_rank_asks_for_the_ranks_of_bodies_of_others(found):
+    """Costs are those of ranks that know all; work is shared, and what is held stays."""
+    told = found("asked", 3)
+    assert told["costs"][0] == told["costs"][1] > 1.0
+    load, moves, held = np.bincount(told["rank"], told["work"], 3), *told["rank_of_rigid"]
+    load[moves] += told["work_of_rigid"]
+    assert load.max() < 1.1 * load.mean()
+    assert held == 0 and told["work_of_rigid"] > 100
 
 
 @pytest.mark.ranks

@@ -18,13 +18,21 @@ from mpi4py import MPI
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 import moving_load
 
+from xper_fx.bodies.explode import Bodies
+from xper_fx.bodies.meshes import facets_of_cells
+from xper_fx.bodies.moved import moved
 from xper_fx.output import checkpoint
 from xper_fx.output.recorder import Recorder
 from xper_fx.output.run import recorded_steps
 from xper_fx.parallel import rebalancing, spread_rebalancing
 from xper_fx.parallel.launch import run_together
+from xper_fx.parallel.local_bodies import divide
+from xper_fx.parallel.rebalancing import Rebalancing
+from xper_fx.parallel.spread_rebalancing import SpreadRebalancing
 from xper_fx.scene.joints import Hinge
 from xper_fx.simulation.simulation import Simulation
+from xper_fx.support.compat import geometry_dofmap
+from xper_fx.support.ranks import Ranks
 
 LAST = 16  # step of runs that are recorded
 # A step has no work but what is counted; bodies are partitioned at each look.
@@ -43,6 +51,10 @@ def run(name: str) -> dict[str, np.ndarray]:
         return hinged()
     if name == "again":
         return again()
+    if name == "there_and_back":
+        return there_and_back()
+    if name == "asked":
+        return asked()
     partition = rebalancing.partition_bodies
     with (
         patch.multiple(rebalancing, **AT_EACH_LOOK),
@@ -106,6 +118,92 @@ def again() -> dict[str, np.ndarray]:
             for record in simulation.steps(LAST * simulation.step_size):
                 found.setdefault(f"from_{step}", []).append(list(record.energies.values()))
     return {name: np.array(energies) for name, energies in found.items()}
+
+
+def asked() -> dict[str, np.ndarray]:
+    """Costs, as ranks ask for them and where all know all; ranks and work of bodies that move."""
+    scenes.COMM = comm = MPI.COMM_WORLD
+    ranks = Ranks(comm)
+    # ten strips, the lower half of four cells each, the upper of twelve
+    label = lambda x: (10 * x[0]).astype(int) + 10 * (x[1] > 0.25)  # noqa: E731
+    bodies = scenes.box_bodies((1, 1), (10, 4), label=label)
+    scenes.COMM = MPI.COMM_SELF
+    part, meshed = divide(bodies, ranks), 20
+    at = np.array(bodies.numbers_on_all(part.body_numbers))
+    rank_of_all, cells = np.zeros((2, meshed), int)
+    rank_of_all[at], cells[at] = comm.rank, np.bincount(part.bodies.body_of_cell)
+    rank_of_all, cells = ranks.sum(np.stack([rank_of_all, cells])).astype(int)
+    # of two rigid bodies the second is held
+    rank_of_rigid, moves = np.array([1, 0]), np.array([True, False])
+    own = np.stack([at, np.where(at % 10 < 2, meshed + 1, meshed)], axis=1)
+    contacts = np.repeat(own[at % 10 < 3], 4, axis=0)
+    facing = bodies.numbers_on_all(bodies.facets.bodies)
+    points = facing[rank_of_all[facing[:, 0]] == comm.rank]
+    near = np.concatenate([own[:1, :1], own[:1, :1]], axis=1)
+    spread = SpreadRebalancing(ranks, part, rank_of_rigid, moves, np.arange(2))
+    whole = Rebalancing(ranks, np.r_[rank_of_all, rank_of_rigid], cells, moves, np.arange(2))
+    with patch.multiple(rebalancing, **AT_EACH_LOOK):
+        places = np.stack([at % 10 + 0.5, at // 10 + 0.5], axis=1)
+        places = np.concatenate([places, [[0.0, 0.0], [0.0, 0.0]]])
+        spread.look(points, contacts, near, lambda: places)
+        whole.look(np.concatenate(comm.allgather(points)), contacts, near)
+    saved = spread.saved()
+    of_cell = ranks.gather(*saved["rank_of_cell"])
+    label = ranks.gather(part.bodies.parent_cell, part.bodies.labels[part.bodies.body_of_cell])
+    every = np.concatenate(comm.allgather(contacts))
+    work = 2 * np.bincount(label) + 30 * np.bincount(every[:, 0], minlength=meshed)
+    work += 2 * np.bincount(np.concatenate(comm.allgather(points)).ravel(), minlength=meshed)
+    rank = np.empty(meshed, int)
+    rank[label] = of_cell
+    return {
+        "costs": np.array([spread.cost, whole.cost]), "rank": rank, "work": work,
+        "rank_of_rigid": saved["rank_of_body"],
+        "work_of_rigid": 30 * np.count_nonzero(every[:, 1] == meshed),
+    }  # fmt: skip
+
+
+def there_and_back() -> dict[str, np.ndarray]:
+    """What a rank knows of blocks at first, on the next rank, and back; cells that each knows."""
+    scenes.COMM = comm = MPI.COMM_WORLD
+    label = lambda x: np.where(x[1] < 0.4, (4 * x[0]).astype(int), 1e4 * x[0] + 1e8 * x[1])  # noqa: E731
+    bodies = scenes.box_bodies((1, 1), (8, 8), label=label, material={2: lambda x: x[0] > 0.5})
+    scenes.COMM = MPI.COMM_SELF
+    bodies.mesh.geometry.x[:, 0] += 0.1 * bodies.parent_vertex  # not where it was cut
+    table = bodies.facets.midpoint @ (3.0, 5.0)
+    knows, told = [bodies], [table]
+    for step in (1, -1):
+        now, spread = knows[-1], knows[-1].spread
+        own = spread.rank_of_body[now.body_of_cell] == comm.rank
+        there = np.full(np.count_nonzero(own), (comm.rank + step) % comm.size)
+        now, (table,) = moved(now, there, told[-1:])
+        knows.append(now)
+        told.append(table)
+        np.testing.assert_allclose(table, now.facets.midpoint @ (3.0, 5.0), rtol=1e-14)
+    described = [of_all(known, comm) for known in knows]
+    numbers = np.array([comm.allgather(len(known.body_of_cell)) for known in knows])
+    return described[0] | {f"then_{k}": v for k, v in described[1].items()} | {
+        f"back_{k}": v for k, v in described[2].items()
+    } | {"known": numbers}  # fmt: skip
+
+
+def of_all(bodies: Bodies, comm: MPI.Comm) -> dict[str, np.ndarray]:
+    """What ranks know of bodies together, in an order that none decides."""
+    facets, cells = bodies.facets, geometry_dofmap(bodies.mesh)
+    tag = np.zeros(bodies.mesh.topology.index_map(1).size_local)
+    tag[bodies.facet_tags.indices] = bodies.facet_tags.values
+    by_cell = np.column_stack([
+        bodies.parent_cell, bodies.labels[bodies.body_of_cell], bodies.material_of_cell,
+        bodies.cell_tags.values, tag[facets_of_cells(bodies.mesh)], bodies.parent_vertex[cells],
+        bodies.mesh.geometry.x[cells].reshape(len(cells), -1),
+    ])  # fmt: skip
+    pairs = bodies.parent_cell[facets.cells], bodies.labels[facets.bodies]
+    by_facet = np.column_stack([*pairs, *(
+        array.reshape(len(facets), -1)
+        for name, array in vars(facets).items() if name not in ("cells", "bodies")
+    )])  # fmt: skip
+    whole = {name: np.concatenate(comm.allgather(rows))
+             for name, rows in (("cells", by_cell), ("facets", by_facet))}  # fmt: skip
+    return {name: rows[np.lexsort(rows.T[::-1])] for name, rows in whole.items()}
 
 
 def record(folder: str, last: int, restart: bool) -> None:

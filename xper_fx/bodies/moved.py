@@ -57,36 +57,21 @@ def moved(
     number, rank, label, material, facet_tag, nodes, x = (column[order] for column in heard)
     labels, body = np.unique(label, return_inverse=True)
     body = body.astype(np.int32)
+    rank_of_body = np.empty(len(labels), np.int32)
+    rank_of_body[body] = rank
 
     # one vertex for each pair (body, parent vertex)
     key = body[:, None] * (1 + nodes.max(initial=0)) + nodes
     _, first, place = np.unique(key, return_index=True, return_inverse=True)
-    cells = place.reshape(nodes.shape)
-    exploded = create_exploded_mesh(mesh, cells, x.reshape(-1, tdim)[first], number)
+    exploded = create_exploded_mesh(
+        mesh, place.reshape(nodes.shape), x.reshape(-1, tdim)[first], number
+    )
     exploded.name = mesh.name
-    rank_of_body = np.empty(len(labels), np.int32)
-    rank_of_body[body] = rank
-
     cell_tags = meshtags(exploded, tdim, np.arange(len(number), dtype=np.int32), material)
     cell_tags.name = bodies.cell_tags.name
-    facets = bodies.facets
-    at_candidate = np.flatnonzero(own_body[facets.bodies[:, 0]])
-    columns = [getattr(facets, name) for name in _OF_FACET]
-    given = [bodies.parent_cell[facets.cells], *columns, *tables]
-    # to all who know the candidate's cell
-    pair = np.argsort(which, kind="stable")
-    cell = np.searchsorted(own, facets.cells[at_candidate, 0])
-    low, high = (np.searchsorted(which[pair], cell, side) for side in ("left", "right"))
-    count = high - low
-    along = np.repeat(low - np.cumsum(count) + count, count) + np.arange(count.sum())
-    heard = _sent(ranks, to[pair[along]], np.repeat(at_candidate, count), *given)
-    by_number = np.argsort(number)
-    place = np.searchsorted(number, heard[0], sorter=by_number)
-    place = by_number[np.minimum(place, len(number) - 1)]
-    known = np.all(number[place] == heard[0], axis=1)
-    cells = place[known].astype(np.int32)
-    columns = [column[known] for column in heard[1:]]
-    new = Bodies(
+    cells, columns = _facets_sent(bodies, np.flatnonzero(own_body), own[which], to, number, tables)
+    facets, tables = columns[: len(_OF_FACET)], columns[len(_OF_FACET) :]
+    there = Bodies(
         mesh=exploded,
         num_bodies=len(labels),
         labels=labels,
@@ -97,16 +82,55 @@ def moved(
         material_of_cell=material,
         facet_tags=_facet_tags(exploded, facet_tag, bodies.facet_tags.name),
         facets=FacingFacets(
-            cells=cells, bodies=body[cells],
-            **dict(zip(_OF_FACET, columns[: len(_OF_FACET)], strict=True)),
+            cells=cells, bodies=body[cells], **dict(zip(_OF_FACET, facets, strict=True))
         ),
         lattice=None,
         ties=bodies.ties,
         spread=replace(spread, rank_of_body=rank_of_body),
+    )
+    order = there.order_of_facets()
+    facets = FacingFacets(**{name: array[order] for name, array in vars(there.facets).items()})
+    return replace(there, facets=facets), [table[order] for table in tables]
+
+
+def _facets_sent(
+    bodies: Bodies,
+    own: np.ndarray,
+    cell: np.ndarray,
+    to: np.ndarray,
+    number: np.ndarray,
+    tables: Sequence[np.ndarray],
+) -> tuple[npt.NDArray[np.int32], list[np.ndarray]]:
+    """Facing facets whose cells are known here, in some order; all ranks call it together.
+
+    Those of a body go to all who know the candidate's cell, which keep them if they know both.
+
+    Args:
+        own: this rank's bodies, which are moved.
+        cell, to: shape (n,), their cells and the ranks to which each goes.
+        number: shape (m,), numbers of the cells that have come here, by their new places.
+        tables: as of `moved`.
+
+    Returns:
+        New places of the cells, shape (num_facets, 2); what is named in `_OF_FACET`, then tables.
+    """
+    facets, ranks = bodies.facets, bodies.spread.ranks
+    given = np.flatnonzero(np.isin(facets.bodies[:, 0], own))
+    candidate = facets.cells[given, 0]
+    order = np.argsort(cell, kind="stable")
+    first, last = (np.searchsorted(cell[order], candidate, side) for side in ("left", "right"))
+    count = last - first
+    place = np.repeat(first - np.cumsum(count) + count, count) + np.arange(count.sum())
+    columns = [getattr(facets, name) for name in _OF_FACET]
+    cells, *heard = _sent(
+        ranks, to[order[place]], np.repeat(given, count),
+        bodies.parent_cell[facets.cells], *columns, *tables,
     )  # fmt: skip
-    order = new.order_of_facets()
-    facets = FacingFacets(**{name: array[order] for name, array in vars(new.facets).items()})
-    return replace(new, facets=facets), [table[order] for table in columns[len(_OF_FACET) :]]
+    order = np.argsort(number)
+    place = np.searchsorted(number, cells, sorter=order)
+    place = order[np.minimum(place, len(number) - 1)]
+    known = np.all(number[place] == cells, axis=1)
+    return place[known].astype(np.int32), [column[known] for column in heard]
 
 
 def _sent(

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Bodies are divided among ranks anew where contacts have made that worth while.
 
-The run goes on as from a checkpoint: its state is told in the order of the scene, the model made
-again for other bodies, and the state taken up.
+The run goes on as from a checkpoint: the model is made again for other bodies, and takes up the
+state. Where a mesh is whole all ranks hear of all of it; where it is spread each rank hears of the
+rows that it asks for.
 """
 
 from __future__ import annotations

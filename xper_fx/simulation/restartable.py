@@ -27,6 +27,7 @@ from xper_fx.support.saved_rows import Rows
 if TYPE_CHECKING:
     from xper_fx.parallel.local_bodies import LocalBodies
     from xper_fx.periodic.averages import Macroscopic
+    from xper_fx.scene.scene import Scene
     from xper_fx.scene.snapshot import Snapshot
     from xper_fx.simulation.attempt import StepAttempts
 
@@ -44,6 +45,7 @@ class Restartable(Readings):
     step_number: int
     tolerance: float
     macroscopic: Macroscopic | None
+    _given: Scene  # as it was given: that of the model may have its bodies on other ranks
     _course: Course
     _save: Callable[[], Path] | None
     _attempts: StepAttempts
@@ -151,7 +153,7 @@ class Restartable(Readings):
 
         model = self.model
         return Snapshot(
-            model.scene, self.state.time, model.options.scheme, model.options.inertia,
+            self._given, self.state.time, model.options.scheme, model.options.inertia,
             () if model.interactions is None else tuple(model.interactions.laws),
             None if model.joints is None else model.joints.rows, deepcopy(self.saved_in_order()),
         )  # fmt: skip

@@ -154,7 +154,7 @@ class Simulation(Restartable):
             inertia=inertia, healing=healing, path=path,
         )  # fmt: skip
         note_compiling()
-        self.team = Ranks(comm)
+        self._given, self.team = scene, Ranks(comm)
         self.stopwatch = Stopwatch()
         self.folder: Path | None = None
         with self.team.ending_all(), self.stopwatch.phase("set-up"):
