@@ -135,8 +135,8 @@ def asked() -> dict[str, np.ndarray]:
     rank_of_all, cells = ranks.sum(np.stack([rank_of_all, cells])).astype(int)
     # of two rigid bodies the second is held
     rank_of_rigid, moves = np.array([1, 0]), np.array([True, False])
-    own = np.stack([at, np.where(at % 10 < 2, meshed + 1, meshed)], axis=1)
-    contacts = np.repeat(own[at % 10 < 3], 4, axis=0)
+    own = np.stack([at, np.where(at % 10 == 2, meshed, meshed + 1)], axis=1)
+    contacts = np.repeat(own, np.where(at % 10 < 3, 4, 1), axis=0)
     facing = bodies.numbers_on_all(bodies.facets.bodies)
     points = facing[rank_of_all[facing[:, 0]] == comm.rank]
     near = np.concatenate([own[:1, :1], own[:1, :1]], axis=1)
@@ -145,8 +145,11 @@ def asked() -> dict[str, np.ndarray]:
     with patch.multiple(rebalancing, **AT_EACH_LOOK):
         places = np.stack([at % 10 + 0.5, at // 10 + 0.5], axis=1)
         places = np.concatenate([places, [[0.0, 0.0], [0.0, 0.0]]])
-        spread.look(points, contacts, near, lambda: places)
-        whole.look(np.concatenate(comm.allgather(points)), contacts, near)
+        costs = []
+        for pairs in (own, contacts):
+            spread.look(points, pairs, near, lambda: places)
+            whole.look(np.concatenate(comm.allgather(points)), pairs, near)
+            costs.append((spread.cost, whole.cost))
     saved = spread.saved()
     of_cell = ranks.gather(*saved["rank_of_cell"])
     label = ranks.gather(part.bodies.parent_cell, part.bodies.labels[part.bodies.body_of_cell])
@@ -156,7 +159,7 @@ def asked() -> dict[str, np.ndarray]:
     rank = np.empty(meshed, int)
     rank[label] = of_cell
     return {
-        "costs": np.array([spread.cost, whole.cost]), "rank": rank, "work": work,
+        "costs": np.array(costs).T, "rank": rank, "work": work,
         "rank_of_rigid": saved["rank_of_body"],
         "work_of_rigid": 30 * np.count_nonzero(every[:, 1] == meshed),
     }  # fmt: skip

@@ -133,9 +133,7 @@ def _facets_sent(
     return place[known].astype(np.int32), [column[known] for column in heard]
 
 
-def _sent(
-    ranks: Ranks, to: np.ndarray, which: np.ndarray, *arrays: np.ndarray
-) -> list[np.ndarray]:
+def _sent(ranks: Ranks, to: np.ndarray, which: np.ndarray, *arrays: np.ndarray) -> list[np.ndarray]:
     """Rows of arrays that all ranks have sent here.
 
     Args:
