@@ -84,9 +84,10 @@ def to_and_fro() -> Iterator[None]:
     bisected = spread_rebalancing.bisected
 
     def turned(ranks, x, work):
-        mean = ranks.sum(x[:, 0].sum()) / ranks.sum(len(x))
-        first_is_left = ranks.comm.bcast(x[:, 0].mean()) < mean
-        return bisected(ranks, -x if first_is_left else x, work)
+        mean = ranks.sum(x.sum(axis=0)) / ranks.sum(len(x))
+        ahead = ranks.comm.bcast(x.mean(axis=0)) - mean
+        first_is_low = ahead[np.argmax(np.abs(ahead))] < 0.0
+        return bisected(ranks, -x if first_is_low else x, work)
 
     with (
         patch.multiple(rebalancing, **AT_EACH_LOOK),
