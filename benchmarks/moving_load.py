@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """What ranks gain where bodies are divided among them anew as the load moves, by counts.
 
-    mpirun -n 2 python3 benchmarks/moving_load.py [--blocks 16] [--stay]
+    mpirun -n 2 python3 benchmarks/moving_load.py [--blocks 16] [--stay] [--spread]
 
 Rows of blocks, apart from each other, fall on a wall and pile up, the lowest first. Printed are, of
 some steps, contacts and those of the rank that has most over the mean, contacts between bodies of
 two ranks, nodes of other ranks that a rank knows, and the cost of the partition
 (`xper_fx.parallel.division.cost_of_partition`); at the end how often bodies were divided, the
-processor time of all ranks, and the seconds of looks and divisions. With `--stay` bodies stay.
+processor time of all ranks, and the seconds of looks and divisions. With `--stay` bodies stay; with
+`--spread` DOLFINx spreads the mesh over the ranks.
 """
 
 from __future__ import annotations
@@ -22,26 +23,26 @@ import xper_fx as xf
 from xper_fx.bodies.meshes import midpoints_of
 from xper_fx.parallel import rebalancing
 from xper_fx.parallel.launch import run_together
-from xper_fx.simulation.slot_bodies import body_of_slot
 from xper_fx.support.compat import geometry_dofmap
 
 GAP, SPEED, STEP = 0.02, 1.0, 4e-3
 
 
-def blocks(size: int, cells: int) -> xf.Bodies:
+def blocks(size: int, cells: int, comm: MPI.Comm) -> xf.Bodies:
     """Blocks of size one in a square, row by row, each of 4 cells^2 triangles."""
     count = size * cells
-    mesh = xf.crossed_rectangle((0.0, 0.0), (size, size), (count, count), MPI.COMM_SELF)
-    middle = midpoints_of(mesh.geometry.x, geometry_dofmap(mesh))
+    mesh = xf.crossed_rectangle((0.0, 0.0), (size, size), (count, count), comm)
+    own = mesh.topology.index_map(2).size_local
+    middle = midpoints_of(mesh.geometry.x, geometry_dofmap(mesh)[:own])
     column, row = np.floor(middle[:, :2]).astype(int).T
     return xf.explode(mesh, size * row + column)
 
 
-def pile(size: int, cells: int) -> xf.Scene:
+def pile(size: int, cells: int, comm: MPI.Comm) -> xf.Scene:
     """Rows of blocks fall on a wall, each half a block above the one below it."""
-    bodies = blocks(size, cells)
+    bodies = blocks(size, cells, comm)
     row, column = np.divmod(bodies.labels, size)
-    aside = np.random.default_rng(1).uniform(-0.04, 0.04, len(row))
+    aside = np.random.default_rng(1).uniform(-0.04, 0.04, size**2)[bodies.labels]
     cells, geometry = geometry_dofmap(bodies.mesh), bodies.mesh.geometry
     body = np.zeros(len(geometry.x), int)
     body[cells] = bodies.body_of_cell[:, None]
@@ -59,21 +60,20 @@ def pile(size: int, cells: int) -> xf.Scene:
 def counts(simulation: xf.Simulation) -> tuple[float, ...]:
     """Of contacts, unknowns and ghosts what the docstring names."""
     points, ranks = simulation.interactions, simulation.ranks
-    body, first = body_of_slot(simulation), simulation.scene.bodies.num_bodies
-    pairs = [body[g.points.nodes[:, :, 0]] for g in points.contacts]
-    pairs = np.concatenate([np.zeros((0, 2), int), *pairs])
-    contacts = ranks.comm.allgather(len(pairs))
-    cut = 0
-    if simulation.part is not None:
-        meshed = pairs[(pairs < first).all(axis=1)]
-        sides = simulation.part.rank_of_body[meshed]
-        cut = int(ranks.sum(np.count_nonzero(sides[:, 0] != sides[:, 1])))
-    ghosts = ranks.max(points.inverse.num_nodes - points.own_inverse.num_nodes)
+    slots = [g.points.nodes[:, :, 0] for g in points.contacts]
+    slots = np.concatenate([np.zeros((0, 2), int), *slots])
+    contacts = ranks.comm.allgather(len(slots))
+    # slots of bodies of other ranks come after its own
+    own, known = points.own_inverse.num_nodes, points.inverse.num_nodes
+    cut = int(ranks.sum(np.count_nonzero(((own <= slots) & (slots < known)).any(axis=1))))
+    ghosts = ranks.max(known - own)
     mean = max(np.mean(contacts), 1.0 / ranks.size)
     return sum(contacts), max(contacts) / mean, cut, ghosts
 
 
-def run(size: int, cells: int, steps: int, every: int) -> dict[str, np.ndarray]:
+def run(
+    size: int, cells: int, steps: int, every: int, comm: MPI.Comm = MPI.COMM_SELF
+) -> dict[str, np.ndarray]:
     """Run the pile and print the counts of some steps.
 
     Returns:
@@ -81,7 +81,7 @@ def run(size: int, cells: int, steps: int, every: int) -> dict[str, np.ndarray]:
         bodies had been divided anew.
     """
     simulation = xf.Simulation(
-        pile(size, cells), STEP, scheme="implicit", solver="nlgs", num_threads=1
+        pile(size, cells, comm), STEP, scheme="implicit", solver="nlgs", num_threads=1
     )
     print("step contacts max/mean cut ghosts cost divided")
     divided, part, began, rows = 0, simulation.part, time.process_time(), []
@@ -111,10 +111,12 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=1500)
     parser.add_argument("--every", type=int, default=100, help="steps of which a line is printed")
     parser.add_argument("--stay", action="store_true", help="never divide anew")
+    parser.add_argument("--spread", action="store_true", help="a mesh that is spread over ranks")
     a = parser.parse_args()
     if a.stay:
         rebalancing._PRICE = np.inf
-    run(a.blocks, a.cells, a.steps, a.every)
+    comm = MPI.COMM_WORLD if a.spread else MPI.COMM_SELF
+    run(a.blocks, a.cells, a.steps, a.every, comm)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,10 @@ from xper_fx.parallel.rebalancing import Rebalancing
 sys.path.insert(0, str(Path(__file__).parents[1] / "ranks"))
 import rebalanced
 
-SCENES = {2: ("explicit_shards", "pelted", "split_pelted", "pile"), 3: ("hinged",)}
+SCENES = {
+    2: ("explicit_shards", "pelted", "split_pelted", "pile", "again"),
+    3: ("hinged", "there_and_back", "asked"),
+}
 RUNS = SCENES[2][:3]
 
 
@@ -183,6 +186,7 @@ def folders(tmp_path_factory):
         return [int(step) for step in re.findall(r"divided anew in step (\d+)", done.stdout)]
 
     divided = run("two=16", "early=10", "late=12"), run("early=16", "late=16", "restart")
+    assert len(run("spread=16")) > 2
     rebalanced.record(f"{base}/one", 16, restart=False)
     return base, *divided
 
@@ -215,6 +219,64 @@ def test_fields_are_those_of_one_rank(folders, file):
             for name, values in of_one.items():
                 x, y = np.asarray(values), np.asarray(of_two[name])
                 assert np.abs(x - y).max() <= 1e-8 * max(np.abs(x).max(), 1e-6), name
+
+
+def last_rows(folder, name):
+    """Of all files of a series at the last time: cells and points by their places, and fields."""
+    points, cells = [], []
+    for path in sorted(folder.glob(f"{name}*.xdmf")):
+        with meshio.xdmf.TimeSeriesReader(path) as reader:
+            x, blocks = reader.read_points_cells()
+            _, nodal, cellwise = reader.read_data(reader.num_steps - 1)
+        points.append(np.column_stack([x, *(nodal[key] for key in sorted(nodal))]))
+        at_cells = {"stress", "material", "fragment"} & set(cellwise)
+        columns = [np.concatenate(cellwise[key]) for key in sorted(at_cells)]
+        cells.append(np.column_stack([x[blocks[0].data].mean(axis=1), *columns]))
+    tables = (points, cells) if name == "bulk" else (points,)  # a file of all has longer cells
+    return [rows[np.lexsort(np.round(rows, 7).T[::-1])] for rows in map(np.vstack, tables)]
+
+
+@pytest.mark.ranks
+@pytest.mark.parametrize("name", ["bulk", "interfaces"])
+def test_each_rank_writes_the_bodies_that_it_began_with(folders, name):
+    """Of a mesh that is spread, whichever rank has them now."""
+    assert len(list((folders[0] / "spread").glob(f"{name}*.xdmf"))) == 2
+    one, two = (last_rows(folders[0] / run, name) for run in ("one", "spread"))
+    for rows, others in zip(one, two, strict=True):
+        assert rows.shape == others.shape
+        assert np.abs(rows - others).max() <= 1e-7 * np.abs(rows).max()
+
+
+@pytest.mark.ranks
+def test_bodies_of_a_spread_mesh_that_come_back_are_what_they_were(found):
+    """A rank has known what the one before it did, its facets and tags, and nothing else."""
+    told = found("there_and_back", 3)
+    at_first, then, back = told["known"]
+    np.testing.assert_array_equal(then, np.roll(at_first, 1))
+    np.testing.assert_array_equal(back, at_first)
+    assert len(told["facets"]) > 100 and len({*told["cells"][:, 1]}) > 100
+    for name in ("cells", "facets"):
+        for when in ("then", "back"):
+            np.testing.assert_array_equal(told[f"{when}_{name}"], told[name])
+
+
+@pytest.mark.ranks
+def test_a_rank_asks_for_the_ranks_of_bodies_of_others(found):
+    """Costs are those of ranks that know all; work is shared, and what is held stays."""
+    told = found("asked", 3)
+    np.testing.assert_array_equal(*told["costs"])
+    load, moves, held = np.bincount(told["rank"], told["work"], 3), *told["rank_of_rigid"]
+    load[moves] += told["work_of_rigid"]
+    assert load.max() < 1.1 * load.mean()
+    assert held == 0 and told["work_of_rigid"] > 100
+
+
+@pytest.mark.ranks
+def test_a_run_of_a_spread_mesh_goes_on_to_the_bit(found):
+    """Whichever bodies DOLFINx gives to the ranks at first; a division is due at step 8."""
+    runs = found("again", 2)
+    for step in (8, 10):
+        np.testing.assert_array_equal(runs[f"from_{step}"], runs["whole"][step:])
 
 
 @pytest.mark.ranks

@@ -2,8 +2,10 @@
 """Contacts that are searched on meshes that are spread over the ranks; the first rank writes."""
 
 import dataclasses
+from unittest.mock import patch
 
 import numpy as np
+import rebalanced
 import scenes
 import touching_bodies
 from asked_scenes import run_asked
@@ -19,7 +21,7 @@ from xper_fx.output.joint_forces import find_joint_forces
 from xper_fx.output.recorder import Recorder
 from xper_fx.output.run import recorded_steps
 from xper_fx.parallel.launch import run_together
-from xper_fx.scene import Scene
+from xper_fx.scene import Scene, moved_scene
 from xper_fx.scene.contact import Contact
 from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.compat import geometry_dofmap
@@ -126,6 +128,15 @@ def turning_split_struck():
     return touching_bodies.at_finite_strain(scene), options, steps
 
 
+def tabled():
+    """The plates of `breaking`; their bonds have tables of strengths for facets and for points."""
+    scene, options, steps = breaking()
+    facets = scene.bodies.facets
+    on_points = np.outer(strength(facets.midpoint.T), (1.0, 0.8))
+    bond = CohesiveZone(2e4, 0.05, on_points, friction=0.2 + 0.02 * facets.midpoint[:, 0])
+    return dataclasses.replace(scene, default_interaction=bond), options, steps
+
+
 def thrown():
     """A disc leaves the block beside it and flies into another one, far from the first."""
     scene = Scene(
@@ -142,7 +153,7 @@ def thrown():
 
 OWN = (
     broken_boxes, split_boxes, thrown, split_cells, turning_cells, breaking, one_end,
-    split_struck, turning_split_struck, on_edge,
+    split_struck, turning_split_struck, on_edge, tabled,
 )  # fmt: skip
 SCENES = {f.__name__: f for f in OWN}
 SCENES |= {
@@ -172,6 +183,8 @@ def run(name: str) -> dict[str, np.ndarray]:
         return {"held": np.array(WORLD.allgather((held(scenes.COMM), held(MPI.COMM_SELF))))}
     if name == "refused":
         return {"told": np.array(refused())}
+    if name.startswith("moved_"):
+        return moved(name.removeprefix("moved_"))
     scene, options, steps = SCENES[name]()
     simulation, dim = Simulation(scene, comm=scenes.COMM, **options), scene.dim
     everyone, history = scenes.COMM.allgather, {}
@@ -208,6 +221,15 @@ def run(name: str) -> dict[str, np.ndarray]:
         "force": np.sort(np.linalg.norm(forces.force, axis=1)),
         "damage": np.sort(simulation.interactions.gather("damage")),
     }  # fmt: skip
+
+
+def moved(name: str) -> dict[str, np.ndarray]:
+    """A scene whose bodies change their ranks every few steps, and how often they did."""
+    with (
+        rebalanced.to_and_fro(),
+        patch.object(moved_scene, "moved_scene", wraps=moved_scene.moved_scene) as calls,
+    ):
+        return run(name) | {"moves": np.array(calls.call_count)}
 
 
 def held(comm: MPI.Comm) -> float:

@@ -59,7 +59,7 @@ def rank_of_bodies(
         middle = np.arctan2(sine, cosine) / (2.0 * np.pi) % 1.0 @ lattice
     load = _loads(ranks, rank, work)
     if load.max() > _UNLIKE * load.mean() or not load.all():
-        other = _bisected(ranks, middle, work)
+        other = bisected(ranks, middle, work)
         others = _loads(ranks, other, work)
         gained = np.count_nonzero(others) - np.count_nonzero(load)  # ranks that have bodies
         if gained > 0 or gained == 0 and others.max() < _WORTH * load.max():
@@ -81,11 +81,12 @@ def _loads(ranks: Ranks, rank: np.ndarray, work: np.ndarray) -> np.ndarray:
     return ranks.sum(np.bincount(rank, work, minlength=ranks.size))
 
 
-def _bisected(ranks: Ranks, x: np.ndarray, work: np.ndarray) -> np.ndarray:
-    """Rank of bodies by their places, shape (n,).
+def bisected(ranks: Ranks, x: np.ndarray, work: np.ndarray) -> npt.NDArray[np.int64]:
+    """Rank of bodies by their places, shape (n,); all ranks call it together.
 
     Args:
-        x: shape (n, dim), m.
+        ranks: those that share the bodies.
+        x: shape (n, dim), middles of those that this rank has (m), each on one rank.
         work: shape (n,).
     """
     first, last = np.array([0]), np.array([ranks.size])  # ranks of each part

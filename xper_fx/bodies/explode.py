@@ -184,6 +184,15 @@ class Bodies:
         ends = ranks.max(np.stack([e.max(axis=0, initial=-np.inf) for e in (points, -points)]))
         return places_of_points(ranks, points, _EQUAL_COORDINATE * ends.sum(axis=0).max())
 
+    def order_of_facets(self) -> npt.NDArray[np.intp]:
+        """Order of the facing facets, of a mesh that is spread, that no partition decides.
+
+        Where bonds at a vertex may break in more ways than one, it decides. All ranks call it
+        together.
+        """
+        lower = self.parent_cell[self.facets.cells].min(axis=1, initial=self.spread.num_cells)
+        return np.lexsort((lower, self.facet_places()[0]))
+
     def require_whole(self, what: str) -> None:
         """Raise a SerialOnlyError if the mesh is spread over ranks.
 
@@ -583,9 +592,7 @@ def _explode_share(
             PresentTags.union(ranks.comm.allgather(known.present)),
         ),
     )
-    # where bonds at a vertex may break in more ways than one, their order decides
-    lower = parent_cell[known.facets.cells].min(axis=1, initial=spread.spread.num_cells)
-    order = np.lexsort((lower, spread.facet_places()[0]))
+    order = spread.order_of_facets()
     facets = FacingFacets(**{n: array[order] for n, array in vars(known.facets).items()})
     return replace(spread, facets=facets)
 

@@ -89,7 +89,7 @@ def known_cells(
         label, rank = number, np.full(count, ranks.rank, np.int32)
     else:
         rank = rank_of_bodies(ranks, mesh, label, None if border is None else border.lattice)
-    which, to = _needed(ranks, nodes if border is None else border.vertex, rank)
+    which, to = ranks_in_need(ranks, nodes if border is None else border.vertex, rank)
     told = (number, rank, label, material, facet_tag, nodes, mesh.geometry.x[dofmap][:, :, :tdim])
     told += () if border is None else (border.pair,)
     heard = send(ranks, to, *(array[which] for array in told))
@@ -130,7 +130,7 @@ def send(ranks: Ranks, to: npt.NDArray[np.integer], *arrays: np.ndarray) -> list
     return ranks.comm.alltoall([tuple(array[mine] for array in arrays) for mine in rows])
 
 
-def _needed(
+def ranks_in_need(
     ranks: Ranks, nodes: npt.NDArray[np.int64], rank: npt.NDArray[np.int32]
 ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     """Cells of this rank and the ranks that need them: those with bodies at one of its vertices.

@@ -265,14 +265,17 @@ class PermanentGroups:
             saved: arrays over the points of all ranks.
             number: shape (num_points,), as of `saved`.
         """
+        # each is read once, also by ranks without groups: others may have to send the rows
+        names = [*_KEPT, "status", *(["frame"] if "frame" in saved else [])]
+        rows = {name: saved[name][number] for name in names}
         for g in self.groups:
             for name in _KEPT:
                 own = getattr(g, name)
-                own[:] = saved[name][number[g.indices], : own.shape[1]]
+                own[:] = rows[name][g.indices, : own.shape[1]]
             g.impulse[:] = g.committed_impulse
-            g.status[:] = saved["status"][number[g.indices]]
+            g.status[:] = rows["status"][g.indices]
             if g.turning is not None:
-                g.points.frame[:] = saved["frame"][number[g.indices], : g.points.frame.shape[1]]
+                g.points.frame[:] = rows["frame"][g.indices, : g.points.frame.shape[1]]
                 g.couplings.frame[:] = g.points.frame[:, : g.couplings.frame.shape[1]]
 
     @property

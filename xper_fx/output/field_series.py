@@ -25,6 +25,7 @@ from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.compat import geometry_dofmap
 
 if TYPE_CHECKING:
+    from xper_fx.bodies.explode import Bodies
     from xper_fx.forms.dynamics import BulkForms
     from xper_fx.output.filed_rows import FiledRows
 
@@ -41,22 +42,20 @@ class FieldSeries:
         folder: where to write.
 
     Attributes:
-        cells: geometry nodes of the cells that are shown, shape (num_cells, k).
         series: those that this rank writes.
     """
 
     def __init__(self, simulation: Simulation, folder: Path):
         self._simulation, self._folder = simulation, folder
         self._shares = simulation.scene.bodies.spread is not None
-        self._bodies = simulation.bodies if self._shares else simulation.scene.bodies
-        self.cells = geometry_dofmap(self._bodies.mesh)
-        self._places, points = shown_places(simulation), simulation.model.points
+        points = simulation.model.points
         self._has_points = not simulation.team.all(len(points.facets_with_law) == 0)
         self._forms: BulkForms | None = None  # of which the stress is told
         self._stress: Callable[[], np.ndarray] = lambda: np.zeros(0)
         # by the name of the series: the files of this rank, and who has their rows
         self._files: dict[str, list[TimeSeries]] = {"bulk": [], "interfaces": []}
         self._filed: dict[str, list[FiledRows]] = {}
+        self._filed_of: Bodies | None = None  # bodies whose rows these are
 
     def open(self, after: Mapping[str, Mapping[str, float]]) -> None:
         """Open the files.
@@ -67,16 +66,31 @@ class FieldSeries:
         numbers = self._numbers() if self._shares else {}
         self._where_written(partial(self._open, after, numbers))
         if self._shares:
-            from xper_fx.output.filed_rows import FiledRows
+            self._find_rows(numbers)
 
-            team = self._simulation.team
-            self._filed = {
-                name: [
-                    FiledRows(team, own, [file.numbers[of] for file in self._files[name]])
-                    for of, own in numbers[name].items()
-                ]
-                for name in numbers
-            }
+    @property
+    def _bodies(self) -> Bodies:
+        """Those that are shown: which the rank has now, or all."""
+        simulation = self._simulation
+        return simulation.bodies if self._shares else simulation.scene.bodies
+
+    @property
+    def cells(self) -> np.ndarray:
+        """Geometry nodes of the cells that are shown, shape (num_cells, k)."""
+        return geometry_dofmap(self._bodies.mesh)
+
+    def _find_rows(self, numbers: Mapping[str, Mapping[str, np.ndarray]]) -> None:
+        """Find out who has the rows of each file, by what `_numbers` gives."""
+        from xper_fx.output.filed_rows import FiledRows
+
+        team, self._filed_of = self._simulation.team, self._bodies
+        self._filed = {
+            name: [
+                FiledRows(team, own, [file.numbers[of] for file in self._files[name]])
+                for of, own in numbers[name].items()
+            ]
+            for name in numbers
+        }
 
     def write(self, fragment: np.ndarray | None) -> None:
         """Write the fields as they are now.
@@ -85,6 +99,8 @@ class FieldSeries:
             fragment: of each body that the rank knows, None without.
         """
         simulation, bodies = self._simulation, self._bodies
+        if self._shares and bodies is not self._filed_of:  # others where they were divided anew
+            self._find_rows(self._numbers())
         vertices = VertexValues(simulation)
         nodal = {"displacement": vertices.displacement(), "velocity": vertices.velocity()}
         body = bodies.labels[bodies.body_of_cell] if self._shares else bodies.body_of_cell
@@ -157,7 +173,8 @@ class FieldSeries:
             "bulk": {"point": node + bodies.parent_vertex, "cell": bodies.parent_cell.astype(int)}
         }
         if self._has_points:
-            facet, on_facet = np.divmod(self._places, max(points.points_a_facet, 1))
+            places = shown_places(self._simulation)
+            facet, on_facet = np.divmod(places, max(points.points_a_facet, 1))
             point = points.facet_numbers[facet] * points.points_a_facet + on_facet
             numbers["interfaces"] = {"point": point}
         return numbers
@@ -192,7 +209,7 @@ class FieldSeries:
             x, points = coordinates_of_known(simulation), simulation.model.points
             kind = {2: "line", 3: "triangle"}.get(points.points_a_facet, "vertex")
             if self._shares:  # the points of a facet may be on several ranks
-                x, kind = x[self._places], "vertex"
+                x, kind = x[shown_places(simulation)], "vertex"
             corners = {"line": 2, "triangle": 3, "vertex": 1}[kind]
             cells = np.arange(len(x)).reshape(-1, corners)
             open_files("interfaces", x, (kind, cells))

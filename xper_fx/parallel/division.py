@@ -17,6 +17,7 @@ import numpy as np
 from scipy.sparse import coo_array
 
 from xper_fx.parallel.ownership import owners_of_pairs
+from xper_fx.support.ranks import ALONE, Ranks
 
 # Of SCOTCH's strategies the one for small cuts, and the share by which parts may differ.
 _QUALITY, _IMBALANCE = 1, 0.01
@@ -48,7 +49,11 @@ def partition_bodies(
 
 
 def cost_of_partition(
-    sides: np.ndarray, weights: np.ndarray, own: np.ndarray, exchanges: float = 0.0
+    sides: np.ndarray,
+    weights: np.ndarray,
+    own: np.ndarray,
+    exchanges: float = 0.0,
+    ranks: Ranks = ALONE,
 ) -> float:
     """What a partition costs over what it would if the work could be divided evenly.
 
@@ -62,12 +67,14 @@ def cost_of_partition(
         weights: shape (n,), its work.
         own: shape (num_ranks,), the rest of the work of each rank.
         exchanges: work of those that cuts ask for, where there are any.
+        ranks: those that have some of `sides` and `weights` each, and all call it.
     """
     size, owner = len(own), owners_of_pairs(sides)
     alone = sides[:, 0] == sides[:, 1]
     inside, cut = (np.bincount(owner[of], weights[of], size) for of in (alone, ~alone))
-    work = (own + inside).max() + cut.max() + (0.0 if alone.all() else exchanges)
-    return float(size * work / (own.sum() + weights.sum()))
+    inside, cut = ranks.sum(np.stack([inside, cut]))
+    work = (own + inside).max() + cut.max() + (0.0 if ranks.all(alone.all()) else exchanges)
+    return float(size * work / (own.sum() + inside.sum() + cut.sum()))
 
 
 def _graph(pairs, exchanged, count):

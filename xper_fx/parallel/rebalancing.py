@@ -22,7 +22,7 @@ import numpy as np
 
 from xper_fx.parallel.division import cost_of_partition, none_empty, partition_bodies
 from xper_fx.parallel.ownership import ranks_of_pairs
-from xper_fx.support.ranks import Ranks
+from xper_fx.support.ranks import ALONE, Ranks
 
 logger = logging.getLogger(__name__)
 
@@ -82,14 +82,16 @@ class Rebalancing:
         """
         told = zip(*self._ranks.comm.allgather((contacts, near)), strict=True)
         contacts, near = map(np.concatenate, told)
-        pairs = np.concatenate([points, contacts, near])
-        weights = np.repeat([_POINT, _CONTACT, 0], [len(points), len(contacts), len(near)])
+        self._judge(*weighed(points, contacts, near))
+
+    def _judge(self, pairs: np.ndarray, weights: np.ndarray) -> None:
+        """Look at the partition by what there is between bodies, as of `weighed`."""
         self.cost = cost = self._cost(self._rank_of_body, pairs, weights)
         self._reached = min(self._reached, cost)
         self._lost += _LOOKS_EVERY * (cost - self._reached)
         if self._lost <= _PRICE:
             return
-        new = self._ranks.from_first(lambda: self._partition(pairs, weights))
+        new = self._partition(pairs, weights)
         reached = self._cost(new, pairs, weights)
         self.is_pending = better = reached < cost - _WORTH
         self._lost, self._reached = 0.0, reached if better else cost
@@ -121,9 +123,12 @@ class Rebalancing:
     def _cost(self, rank_of_body: np.ndarray, pairs: np.ndarray, weights: np.ndarray) -> float:
         sides = ranks_of_pairs(rank_of_body, self._moves, pairs)
         own = np.bincount(rank_of_body[: len(self._cells)], self._cells, self._ranks.size)
-        return cost_of_partition(sides, weights, _STEP + own, _EXCHANGES)
+        return priced(sides, weights, own)
 
     def _partition(self, pairs: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        return self._ranks.from_first(lambda: self._partitioned(pairs, weights))
+
+    def _partitioned(self, pairs: np.ndarray, weights: np.ndarray) -> np.ndarray:
         vertex, first = self._vertex, len(self._cells)
         work = np.zeros(vertex.max() + 1, np.int64)
         work[:first] = 2 * self._cells
@@ -138,3 +143,18 @@ class Rebalancing:
         new = self._rank_of_body.copy()
         new[vertex >= 0] = of_vertex[vertex[vertex >= 0]]
         return new
+
+
+def weighed(
+    points: np.ndarray, contacts: np.ndarray, near: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """All pairs of bodies, shape (n, 2), and the work between them, shape (n,)."""
+    pairs = np.concatenate([points, contacts, near])
+    return pairs, np.repeat([_POINT, _CONTACT, 0], [len(points), len(contacts), len(near)])
+
+
+def priced(
+    sides: np.ndarray, weights: np.ndarray, cells: np.ndarray, ranks: Ranks = ALONE
+) -> float:
+    """Cost of a partition, as `cost_of_partition`, by the cells of each rank."""
+    return cost_of_partition(sides, weights, _STEP + cells, _EXCHANGES, ranks)

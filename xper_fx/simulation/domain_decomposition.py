@@ -113,15 +113,22 @@ def _balance(
     rigid: RigidShare | None,
     groups: np.ndarray,
 ) -> Rebalancing | None:
-    """What tells when to divide bodies anew, where surfaces may meet of a mesh that is whole."""
+    """What tells when to divide bodies anew, where surfaces may meet and bodies can move."""
     named = {name for c in scene.contacts if c.law is not None for name in c.between}
-    if scene.bodies.spread is not None or named.isdisjoint(scene.surfaces):
+    if named.isdisjoint(scene.surfaces):
         return None
-    from xper_fx.parallel.rebalancing import Rebalancing
-
     rank_of_rigid, moves = np.zeros(0, np.int32), np.zeros(0, bool)
     if rigid is not None:
         rank_of_rigid, moves = rigid.rank_of_body, rigid.moves
+    if scene.bodies.spread is not None:
+        from xper_fx.parallel.spread_rebalancing import SpreadRebalancing
+        from xper_fx.scene.moved_scene import has_functions
+
+        if has_functions(scene):
+            return None
+        return SpreadRebalancing(team, part, rank_of_rigid, moves, groups)
+    from xper_fx.parallel.rebalancing import Rebalancing
+
     return Rebalancing(
         team, np.concatenate([part.rank_of_body, rank_of_rigid]),
         np.bincount(scene.bodies.body_of_cell), moves, groups,

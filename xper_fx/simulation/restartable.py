@@ -7,8 +7,9 @@ import logging
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,12 +21,13 @@ from xper_fx.simulation.model import Model
 from xper_fx.simulation.readings import Readings
 from xper_fx.simulation.solver_memory import restore_memory, saved_memory
 from xper_fx.support.errors import CheckpointError
-from xper_fx.support.ranks import ALONE, Ranks
+from xper_fx.support.ranks import Ranks
 from xper_fx.support.saved_rows import Rows
 
 if TYPE_CHECKING:
     from xper_fx.parallel.local_bodies import LocalBodies
     from xper_fx.periodic.averages import Macroscopic
+    from xper_fx.scene.scene import Scene
     from xper_fx.scene.snapshot import Snapshot
     from xper_fx.simulation.attempt import StepAttempts
 
@@ -43,6 +45,7 @@ class Restartable(Readings):
     step_number: int
     tolerance: float
     macroscopic: Macroscopic | None
+    _given: Scene  # as it was given: that of the model may have its bodies on other ranks
     _course: Course
     _save: Callable[[], Path] | None
     _attempts: StepAttempts
@@ -136,7 +139,8 @@ class Restartable(Readings):
     def saved_in_order(self) -> dict:
         """`saved` of all ranks, with arrays in the place of `Rows`: what `restore` takes."""
         # what is not divided by bodies is the same on all ranks
-        return _gathered(self.saved(), ALONE if self.part is None else self.ranks)
+        alone = self.part is None or self.ranks.alone
+        return _with_rows(self.saved(), Rows.in_order if alone else lambda r: self.ranks.gather(*r))
 
     def snapshot(self) -> Snapshot:
         """The present state, for another scene to go on from: `Scene(after=...)`.
@@ -149,7 +153,7 @@ class Restartable(Readings):
 
         model = self.model
         return Snapshot(
-            model.scene, self.state.time, model.options.scheme, model.options.inertia,
+            self._given, self.state.time, model.options.scheme, model.options.inertia,
             () if model.interactions is None else tuple(model.interactions.laws),
             None if model.joints is None else model.joints.rows, deepcopy(self.saved_in_order()),
         )  # fmt: skip
@@ -243,10 +247,16 @@ class Restartable(Readings):
         """The model, made again if `saved` is of one whose bodies were on other ranks."""
         model, attempts = self.model, self._attempts
         if model.balance is not None and "balance" in saved:
-            rank_of_body = model.balance.other(saved["balance"])
+            rank_of_body, scene = model.balance.other(saved["balance"]), model.scene
             if rank_of_body is not None:
+                if self._numbers_of_spread:
+                    from xper_fx.scene.moved_scene import moved_scene
+
+                    own, rigid = np.split(rank_of_body, [self.bodies.num_bodies])
+                    scene = moved_scene(scene, own)
+                    rank_of_body = np.concatenate([scene.bodies.spread.rank_of_body, rigid])
                 options, watch = model.options, model.stopwatch
-                self._take(Model(model.scene, options, self.team, watch, rank_of_body))
+                self._take(Model(scene, options, self.team, watch, rank_of_body))
                 self._attempts.doubts = attempts.doubts
         return self.model
 
@@ -255,20 +265,24 @@ class Restartable(Readings):
         if self.model.balance is not None and self.model.balance.is_pending:
             course = self._course
             with self.stopwatch.phase("balance of ranks"):
-                self.restore(self.saved_in_order())
+                if self._numbers_of_spread:
+                    from xper_fx.parallel.kept_rows import KeptRows
+
+                    saved = _with_rows(self.saved(), partial(KeptRows, self.ranks))
+                else:
+                    saved = self.saved_in_order()
+                self.restore(saved)
             self._course = course
 
 
-def _gathered(tree: Mapping, ranks: Ranks) -> dict:
-    """A tree with the `Rows` of all ranks as arrays in their order."""
+def _with_rows(tree: Mapping, taken: Callable[[Rows], Any]) -> dict:
+    """A tree with something in the place of `Rows`."""
     out = {}
     for name, value in tree.items():
         if isinstance(value, Mapping):
-            out[name] = _gathered(value, ranks)
-        elif isinstance(value, Rows):
-            out[name] = value.in_order() if ranks.alone else ranks.gather(*value)
+            out[name] = _with_rows(value, taken)
         else:
-            out[name] = value
+            out[name] = taken(value) if isinstance(value, Rows) else value
     return out
 
 

@@ -152,7 +152,7 @@ class Simulation(Restartable):
             inertia=inertia, healing=healing, path=path,
         )  # fmt: skip
         note_compiling()
-        self.scene, self.team = scene, Ranks(comm)
+        self._given, self.team = scene, Ranks(comm)
         self.stopwatch = Stopwatch()
         self.folder: Path | None = None
         with self.team.ending_all(), self.stopwatch.phase("set-up"):
@@ -180,7 +180,7 @@ class Simulation(Restartable):
             go_on(self, scene.after)
 
     def _take(self, model: Model) -> None:
-        self.model, self._attempts = model, StepAttempts(model)
+        self.model, self._attempts, self.scene = model, StepAttempts(model), model.scene
         self.ranks, self.part, self.bodies = model.ranks, model.part, model.bodies
         self.bulk, self.forms, self.rigid = model.bulk, model.bulk.forms, model.rigid
         self.detection, self.theta, self.ledger = model.detection, model.scheme.theta, model.ledger
