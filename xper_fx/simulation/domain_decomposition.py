@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 # Solvers of ranks that divide the bodies.
-_ON_RANKS = ("auto", "nlgs", "newton", "accelerated", "monolithic")
+_ON_RANKS = ("auto", "nlgs", "newton", "accelerated", "monolithic", "subdomains")
 
 
 class Decomposition(NamedTuple):
