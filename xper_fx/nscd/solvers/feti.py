@@ -301,9 +301,7 @@ class _Sharing:
             if rank != ranks.rank:
                 asked[:-1] = cut.told(rank)
             sent = asked[rows] & (columns >= 0)
-            told.append(
-                (cut.numbers[rows[sent]], cut.numbers[columns[sent]], normal.data[sent])
-            )
+            told.append((cut.numbers[rows[sent]], cut.numbers[columns[sent]], normal.data[sent]))
         order = np.argsort(cut.numbers)
         rows, columns, values = place[normal.row], place[normal.col], normal.data
         for first, second, more in ranks.comm.alltoall(told):
@@ -433,9 +431,7 @@ class CoarseSpace:
         none = np.zeros(self.size - self._soft)
         return self._solved(self._back @ self._system.force_of(missing), none)
 
-    def correction(
-        self, missing: np.ndarray, impulse: np.ndarray, load: np.ndarray
-    ) -> np.ndarray:
+    def correction(self, missing: np.ndarray, impulse: np.ndarray, load: np.ndarray) -> np.ndarray:
         """Impulses that close the missing jumps as far as C does, and hold floating bodies.
 
         With those that are there these are in equilibrium with the load R0^T f.
