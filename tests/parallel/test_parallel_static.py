@@ -21,7 +21,7 @@ SCRIPT = "ranks/static_scenes.py"
 # contacts solved at their points, contacts that alone hold, also such as an interior point finds, a
 # rigid tool, also by sweeps, blocks on springs that Newton's method lets go, inertia, ties, paths
 # that snap back, periodic cells, also along a path, meshes that are spread over the ranks, matrices
-# that all ranks factor.
+# that all ranks factor, subdomains.
 SCENES = {
     2: ("rigid", "touching", "nearing", "held", "leaning", "pushed", "indented", "swept", "sprung",
         "inert", "tied", "bridged", "spread_bridged", "unrolled", "inert_cell", "cell",
@@ -29,7 +29,7 @@ SCENES = {
         "factored_turned_cell", "groups", "messages"),
     3: ("stopped", "spread_stopped", "spread_tied", "drawn", "wedged", "turned", "peeled",
         "turned_cell", "celled_path", "spread_celled_path", "spread_unrolled", "spread_row",
-        "groups"),
+        "bonded", "spread_bonded", "groups"),
 }  # fmt: skip
 # Those that give something else than a history.
 APART = ("groups", "messages", "stopped", "spread_stopped")

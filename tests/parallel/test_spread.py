@@ -105,7 +105,6 @@ def test_what_does_not_fit_is_refused_on_all_ranks(folder):
             "ValueError: Rank 1 .* than rank 0: materials.1.young: 1000.0, here 1001.0",
             "ValueError: Rank 1 .* than rank 0: options.requested.step: 0.0001, here 0.0002",
             r"ValueError: The meshes of the ranks are spread over \[3\] ranks, and comm has 1",
-            'SerialOnlyError: .* a scene that has solver="subdomains" is simulated whole',
             r"ValueError: strength has 9 values; .* spread over ranks it should have one for each",
             "ValueError: initial_velocity is not finite at",
             "ValueError: .*strength",

@@ -277,7 +277,6 @@ def wrong() -> list[str]:
         lambda: Simulation(whole, **options),
         lambda: Simulation(scene, step=1e-4 * (1 + WORLD.rank)),
         lambda: Simulation(scene, comm=MPI.COMM_SELF, **options),
-        lambda: Simulation(scene, step=1e-4, scheme="implicit", solver="subdomains"),
         lambda: Simulation(
             replace(
                 scene,

@@ -343,6 +343,17 @@ def celled_path():
     return replace(scene, macroscopic=drive), {"step": 1.0, "path": path, **STATIC}, 6
 
 
+def bonded():
+    """Blocks that perfect bonds alone hold and that hang on one side."""
+    scene = xf.Scene(
+        box_bodies((2.0, 1.0), (8, 4), label=quarters), {1: ELASTIC},
+        default_interaction=xf.laws.PerfectBond(),
+        loads=[*moved((LEFT, 0, 0.0), (LEFT, 1, 0.0), (RIGHT, 0, 1e-2)),
+               xf.BodyForce((0.0, -1e-3))],
+    )  # fmt: skip
+    return scene, {"step": 0.5, "tolerance": 1e-12, "solver": "subdomains", **STATIC}, 3
+
+
 def loose():
     """The plate of `drawn`, which nothing holds."""
     scene, options, steps = drawn()
@@ -353,7 +364,8 @@ SCENES = {
     f.__name__: f
     for f in (drawn, wedged, turned, rigid, touching, nearing, held, leaning, pushed,
               indented, swept, sprung, inert, tied, bridged,
-              peeled, unrolled, row, stopped, inert_cell, cell, turned_cell, celled_path, loose)
+              peeled, unrolled, row, stopped, inert_cell, cell, turned_cell, celled_path,
+              bonded, loose)
 }  # fmt: skip
 
 

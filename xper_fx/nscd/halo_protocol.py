@@ -129,6 +129,9 @@ class PointHalo(AnyHalo, Protocol):
     def cut_clusters(self, interactions: Any) -> Any:
         """Clusters of facing nodes as a rank knows them (`parallel/cut_clusters.py`)."""
 
+    def cut_nodes(self, interactions: Any, cluster: np.ndarray) -> Any:
+        """Nodes of any clusters that are cut, and their exchange (`parallel/cut_clusters.py`)."""
+
     def whole_matrix(self, interactions: Any, fixed: np.ndarray) -> Any:
         """The matrix of Newton's method over all ranks (`parallel/whole_matrix.py`)."""
 

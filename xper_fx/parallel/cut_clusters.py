@@ -52,36 +52,20 @@ def cut_clusters(interactions: Interactions) -> CutClusters:
     Args:
         interactions: this rank's points.
     """
-    halo, ranks, dim = interactions.halo, interactions.halo.ranks, interactions.dim
-    own, known = interactions.own_inverse.num_nodes, halo.num_slots
+    ranks, dim = interactions.halo.ranks, interactions.dim
+    own, known = interactions.own_inverse.num_nodes, interactions.halo.num_slots
     slots = interactions.inverse.num_slots
-    first = ranks.before(own)
-    firsts = np.array(ranks.comm.allgather(first))
-    number = _numbers(interactions, first, own)
     cluster = facing_clusters(interactions)[0].cluster[:known]
-    root = np.full(cluster.max(initial=-1) + 1, np.iinfo(np.int64).max)
-    np.minimum.at(root, cluster, number)
-    crossing = np.zeros(len(root), bool)
-    crossing[cluster[_shared_slots(interactions, own)]] = True
-    told = np.flatnonzero(crossing[cluster])
-    cut = _Cut.of(ranks, number[told], root[cluster[told]])
+    at_cuts = cut_nodes(interactions, cluster)
+    nodes, labels, cut = at_cuts.nodes, at_cuts.labels, at_cuts.cut
+    count = max(slots, nodes.max(initial=-1) + 1)
 
-    # nodes of cut clusters that this rank knows, by cluster and number
-    label = cut.label_of(number[told])
-    here = np.flatnonzero(np.isin(cut.label, label))
-    here = here[np.lexsort((cut.number[here], cut.label[here]))]
-    numbers, labels = cut.number[here], cut.label[here]
-    slot_of = np.full(len(cut.number), -1)
-    slot_of[np.searchsorted(cut.number, number[told])] = told
-    nodes = slot_of[here]
-    unknown = np.flatnonzero(nodes < 0)
-    nodes[unknown] = slots + np.arange(len(unknown))
-
-    names = np.empty(slots + len(unknown), np.int64)
+    names = np.empty(count, np.int64)
+    most = cluster.max(initial=-1) + 1
     names[:known] = len(labels) + cluster
-    names[known:slots] = len(labels) + len(root) + np.arange(slots - known)
-    names[own:known] += len(root) + slots  # ghosts that nothing acts on come last
-    present, names[nodes] = np.unique(labels, return_inverse=True)
+    names[known:slots] = len(labels) + most + np.arange(slots - known)
+    names[own:known] += most + slots  # ghosts that nothing acts on come last
+    present, first, names[nodes] = np.unique(labels, return_index=True, return_inverse=True)
     clusters = partition(np.unique(names, return_inverse=True)[1], dim)
     # nodes of a cluster are by numbers, on all ranks
     clusters.nodes[: len(nodes)] = nodes
@@ -95,15 +79,70 @@ def cut_clusters(interactions: Interactions) -> CutClusters:
     of_any = ranks.union(present[opened[: len(present)]])
     opened[: len(present)] = np.isin(present, of_any)
 
-    owner = np.searchsorted(firsts, numbers, side="right") - 1
-    home = np.searchsorted(firsts, present, side="right") - 1
+    home = at_cuts.owner[first]
     entries = np.diff(clusters.block_offsets[: len(present) + 1])
     return CutClusters(
         clusters, len(present), len(present) + inside, opened,
-        cut.exchange(ranks, labels, owner, dim),
+        at_cuts.exchange,
         cut.exchange(ranks, np.repeat(present, entries), np.repeat(home, entries), 1),
         Border(ranks, np.searchsorted(cut.labels, present), len(cut.labels), dim),
     )  # fmt: skip
+
+
+class CutNodes(NamedTuple):
+    """Nodes of the cut clusters that a rank knows, by cluster and number, alike on all ranks.
+
+    Attributes:
+        nodes: shape (n,), their slots; those that are none here have numbers after the last.
+        numbers: shape (n,), among the slots of all ranks.
+        labels: shape (n,), the least number of the cluster of each.
+        owner: shape (n,), rank of each.
+        cut: the cut clusters of all ranks.
+        exchange: of what is at these nodes.
+    """
+
+    nodes: np.ndarray
+    numbers: np.ndarray
+    labels: np.ndarray
+    owner: np.ndarray
+    cut: _Cut
+    exchange: Exchange
+
+    def told(self, rank: int) -> np.ndarray:
+        """Which of these nodes another rank knows, too, shape (n,)."""
+        return self.cut.known[np.searchsorted(self.cut.labels, self.labels), rank]
+
+
+def cut_nodes(interactions: Interactions, cluster: np.ndarray) -> CutNodes:
+    """The nodes of clusters that are cut; all ranks find them together.
+
+    Args:
+        interactions: this rank's points.
+        cluster: shape (num_slots,), those that this rank's points make of its slots and ghosts.
+    """
+    ranks, own = interactions.halo.ranks, interactions.own_inverse.num_nodes
+    first = ranks.before(own)
+    firsts = np.array(ranks.comm.allgather(first))
+    number = _numbers(interactions, first, own)
+    root = np.full(cluster.max(initial=-1) + 1, np.iinfo(np.int64).max)
+    np.minimum.at(root, cluster, number)
+    crossing = np.zeros(len(root), bool)
+    crossing[cluster[_shared_slots(interactions, own)]] = True
+    told = np.flatnonzero(crossing[cluster])
+    cut = _Cut.of(ranks, number[told], root[cluster[told]])
+
+    label = cut.label_of(number[told])
+    here = np.flatnonzero(np.isin(cut.label, label))
+    here = here[np.lexsort((cut.number[here], cut.label[here]))]
+    numbers, labels = cut.number[here], cut.label[here]
+    slot_of = np.full(len(cut.number), -1)
+    slot_of[np.searchsorted(cut.number, number[told])] = told
+    nodes = slot_of[here]
+    unknown = np.flatnonzero(nodes < 0)
+    nodes[unknown] = interactions.inverse.num_slots + np.arange(len(unknown))
+    owner = np.searchsorted(firsts, numbers, side="right") - 1
+    exchange = cut.exchange(ranks, labels, owner, interactions.dim)
+    return CutNodes(nodes, numbers, labels, owner, cut, exchange)
 
 
 class _Cut(NamedTuple):

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from xper_fx.nscd.interactions import Interactions
     from xper_fx.parallel.coupled_rows import SharedCoupledSystem
-    from xper_fx.parallel.cut_clusters import CutClusters
+    from xper_fx.parallel.cut_clusters import CutClusters, CutNodes
     from xper_fx.parallel.whole_matrix import WholeMatrix
 
 
@@ -233,6 +233,17 @@ class Halo:
         from xper_fx.parallel.cut_clusters import cut_clusters
 
         return cut_clusters(interactions)
+
+    def cut_nodes(self, interactions: Interactions, cluster: np.ndarray) -> CutNodes:
+        """Nodes of clusters that the cut between ranks goes through; all find them together.
+
+        Args:
+            interactions: this rank's points.
+            cluster: shape (num_slots,), those that these make of slots and ghosts.
+        """
+        from xper_fx.parallel.cut_clusters import cut_nodes
+
+        return cut_nodes(interactions, cluster)
 
     def whole_matrix(self, interactions: Interactions, fixed: np.ndarray) -> WholeMatrix:
         """The matrix of Newton's method over all ranks, which make it together.

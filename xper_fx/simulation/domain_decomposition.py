@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from xper_fx.bodies.meshes import SerialOnlyError
 from xper_fx.nscd.solvers.solver import Solver, UnsuitableSolverError
 from xper_fx.scene.scene import Scene
 from xper_fx.simulation.options import SOLVERS, Options
@@ -22,12 +21,6 @@ if TYPE_CHECKING:
     from xper_fx.parallel.rigid_share import RigidShare
 
 logger = logging.getLogger(__name__)
-
-# Solvers of ranks that divide the bodies.
-_ON_RANKS = (
-    "auto", "nlgs", "newton", "accelerated", "monolithic", "friction_problem", "interior_point",
-    "proximal_point", "anderson",
-)  # fmt: skip
 
 
 class Decomposition(NamedTuple):
@@ -72,8 +65,6 @@ def decomposed(
         groups = _rigid_groups(scene, moves, False)
         division = RigidDivision(team, moves, scene.dim, groups, _cell_dofs(scene))
         return Decomposition(team, None, division)
-    if _stays_whole(scene, options, team):
-        return Decomposition()
     from xper_fx.parallel.local_bodies import divide
 
     bodies, solids = scene.bodies, scene.rigid_bodies
@@ -174,27 +165,6 @@ def _refuse_solver_of_one_rank(solver: str | Solver, team: Ranks) -> None:
         "ranks divide them: run it on one (comm=MPI.COMM_SELF), or take a solver by its name, or "
         "Simulation.contact_problem(), which all ranks have whole."
     )
-
-
-def _stays_whole(scene: Scene, options: Options, team: Ranks) -> bool:
-    """Whether each rank has to simulate all of a scene; warns of it, and says why.
-
-    Raises:
-        SerialOnlyError: it has to, and the mesh is spread over the ranks.
-    """
-    name = _name(options.solver)
-    if name in _ON_RANKS:
-        return False
-    if scene.bodies.spread is not None:
-        raise SerialOnlyError(
-            f"The mesh is spread over {team.size} ranks, and a scene that has "
-            f'solver="{name}" is simulated whole: build the mesh on MPI.COMM_SELF.'
-        )
-    if team.rank == 0:
-        logger.warning(
-            'each of %d ranks simulates the whole scene, as it has solver="%s"', team.size, name
-        )
-    return True
 
 
 def _name(solver: str | Solver) -> str:

@@ -46,16 +46,14 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
-from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
+from xper_fx.nscd.solvers.jump_sharing import JumpSharing
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
 from xper_fx.support.checks import require_flag
 
-# Weight of D beside the jumps, and the least ratio of stiffnesses that it tells apart.
-_LITTLE, _LEAST_RATIO = 1e-3, 1e-6
 # Shift that makes a coarse matrix regular where a scene moves as a whole, beside its diagonal.
 _SHIFT = 1e-13
 # Rounding of the velocities of a node that several impulses act on.
@@ -67,41 +65,45 @@ _ROUGH = 1e-8
 
 
 class _Blocks:
-    """w body by body, and what can be made of it."""
+    """w body by body, the ground left out, and what can be made of it.
+
+    Attributes:
+        size: degrees of freedom of the bodies.
+        free: shape (size,), which of them are not prescribed.
+    """
 
     def __init__(self, inverse: BodyInverse):
-        self.dim, self.shape = inverse.dim, (inverse.num_slots, inverse.dim)
-        first = inverse.node_offsets * inverse.dim
-        self.spans = list(zip(first[:-1], first[1:], strict=True))
-        size = inverse.uniform_size
-        if size:
-            self.w = [inverse.data.reshape(-1, size, size)]
-            self.spans = [(0, first[-1])]
+        self.dim = inverse.dim
+        first, ends = inverse.node_offsets[:-1] * inverse.dim, inverse.data_offsets[:-1]
+        self.size = int(first[-1])
+        if size := inverse.uniform_size:
+            self.spans = [(0, self.size)]
+            self.w = [inverse.data[: ends[-1]].reshape(-1, size, size)]
         else:
+            self.spans = list(zip(first[:-1], first[1:], strict=True))
             self.w = [
                 inverse.data[a:b].reshape(1, last - first, -1)
-                for (first, last), a, b in zip(
-                    self.spans, inverse.data_offsets[:-1], inverse.data_offsets[1:], strict=True
-                )
+                for (first, last), a, b in zip(self.spans, ends[:-1], ends[1:], strict=True)
             ]
         self.free = self.diagonal_of(self.w) > 0.0
 
     @staticmethod
     def diagonal_of(blocks: list[np.ndarray]) -> np.ndarray:
-        """Diagonal of blocks, shape (num_slots * dim,)."""
-        return np.concatenate([np.diagonal(b, axis1=1, axis2=2).ravel() for b in blocks])
+        """Diagonal of blocks, shape (size,)."""
+        parts = [np.diagonal(b, axis1=1, axis2=2).ravel() for b in blocks]
+        return np.concatenate([np.zeros(0), *parts])
 
     def times(self, blocks: list[np.ndarray], x: np.ndarray) -> np.ndarray:
-        """Blocks times a vector, shape (num_slots * dim,)."""
+        """Blocks times a vector, shape (size,)."""
         out = np.empty_like(x)
         for (first, last), block in zip(self.spans, blocks, strict=True):
-            part = x[first:last].reshape(len(block), -1, 1)
+            part = x[first:last].reshape(*block.shape[:2], 1)
             out[first:last] = np.matmul(block, part).ravel()
         return out
 
     def times_columns(self, blocks: list[np.ndarray], columns: sp.csr_array) -> sp.csr_array:
         """Blocks times a sparse matrix of few columns a body."""
-        rows, places, values = [], [], []
+        rows, places, values = _lists()
         for (first, _), stack in zip(self.spans, blocks, strict=True):
             size = stack.shape[1]
             for number, block in enumerate(stack):
@@ -120,7 +122,7 @@ class _Blocks:
         """S, zero where a motion is prescribed."""
         schur = []
         for (first, last), w in zip(self.spans, self.w, strict=True):
-            fixed = (~self.free[first:last]).astype(float).reshape(len(w), -1)
+            fixed = (~self.free[first:last]).astype(float).reshape(w.shape[:2])
             s = w.copy()
             axes = np.arange(s.shape[1])
             s[:, axes, axes] += fixed
@@ -136,7 +138,7 @@ class _Blocks:
             known: how many of each body are left out, shape (num_blocks,).
         """
         most = self.dim * (self.dim + 1)
-        rows, columns, values, count = [], [], [], 0
+        (rows, columns, values), count = _lists(), 0
         known = iter(known)
         for (first, _), w in zip(self.spans, self.w, strict=True):
             size = w.shape[1]
@@ -157,81 +159,91 @@ class _Blocks:
         return sp.csc_array(sp.coo_array(entries, shape=(self.free.size, count)))
 
 
+def _lists() -> tuple[list, list, list]:
+    """Rows, columns and values of a sparse matrix, to which more are appended."""
+    return [np.zeros(0, int)], [np.zeros(0, int)], [np.zeros(0)]
+
+
 class BondedSystem:
     """W and its preconditioner, in the axes of space, for one w.
+
+    Vectors over points and over the dofs of bodies are those of this rank; where ranks divide the
+    bodies all of them do everything together.
 
     Args:
         interactions: points, perfect bonds all.
         coarse_space: whether iterations have one, or bodies are on the springs of their anchors.
 
     Attributes:
-        jumps: H^T, shape (num_points * dim, num_slots * dim).
-        stiffness: D, shape (num_slots * dim,), N s per m/s.
-        motions: R0, by columns; None without anchors or a coarse space.
+        inverse: whose blocks the system has.
+        size: degrees of freedom of this rank's bodies.
+        stiffness: D, shape (size,), N s per m/s.
+        motions: R0, by columns; none without anchors or a coarse space.
         coarse: the coarse space, None without.
     """
 
     def __init__(self, interactions: Interactions, coarse_space: bool):
-        self.inverse = interactions.inverse
-        self.points = interactions.groups[0].points
-        self.dim = interactions.dim
-        self._blocks = blocks = _Blocks(self.inverse)
-        self.jumps = _jumps(self.points, self.inverse.num_slots, self.dim)
+        self.inverse, self._interactions = interactions.inverse, interactions
+        own = interactions.own_inverse
+        self._blocks = blocks = _Blocks(own)
+        self.size = blocks.size
+        scalar = _scalar_jumps(interactions)
+        self.jumps = sp.csr_array(sp.kron(scalar, sp.eye_array(interactions.dim)))
         self._schur = blocks.inverted()
         self.stiffness = blocks.diagonal_of(self._schur)
         self._transposed = sp.csr_array(self.jumps.T)
-        self._share = self._factored_sharing()
-        self._w, self.motions, self.coarse = blocks.w, None, None
+        self._sharing = JumpSharing(interactions, scalar, self.stiffness, blocks.free)
+        self._w, self.coarse = blocks.w, None
+        self.motions = sp.csr_array((self.size, 0))
         anchors = interactions.anchors if coarse_space else None
-        known = np.zeros(len(self.inverse.node_offsets) - 1, int)
+        known = np.zeros(len(own.node_offsets) - 2, int)
         if anchors is not None:
-            self._w, self.motions = _Blocks(anchors.held).w, anchors.motions
+            self._w = _Blocks(anchors.held).w
+            self.motions = sp.csr_array(anchors.motions)[: self.size]
             first = anchors.motions.indices[anchors.motions.indptr[:-1]]
-            known = np.bincount(self.inverse.block_of_node[first // self.dim], minlength=len(known))
+            known = np.bincount(own.block_of_node[first // own.dim], minlength=len(known))
         if coarse_space:
-            self.coarse = CoarseSpace(self, blocks.softest(known))
+            self.coarse = CoarseSpace(self, interactions, blocks.softest(known))
 
-    def _factored_sharing(self):
-        """Factors of H H^T + a little D on the dofs that are free."""
-        free = self._blocks.free
-        normal = sp.csr_array(self._transposed @ self.jumps)[free][:, free]
-        _, cluster = connected_components(normal, directed=False)
-        largest = np.zeros(cluster.max(initial=0) + 1)
-        np.maximum.at(largest, cluster, self.stiffness[free])
-        ratio = np.maximum(self.stiffness[free] / largest[cluster], _LEAST_RATIO)
-        return splu(
-            sp.csc_array(normal + sp.diags_array(_LITTLE * ratio)),
-            permc_spec="MMD_AT_PLUS_A",
-            options={"SymmetricMode": True, "DiagPivotThresh": 0.0},
-        )
+    def jump_of(self, motion: np.ndarray) -> np.ndarray:
+        """H^T v of velocities of bodies."""
+        slots = np.zeros(self.jumps.shape[1])
+        slots[: self.size] = motion
+        self._interactions.refresh_ghosts(slots)
+        return self.jumps @ slots
+
+    def force_of(self, impulse: np.ndarray) -> np.ndarray:
+        """H r on the dofs of bodies."""
+        forces = self._transposed @ impulse
+        if self._interactions.halo is not None:
+            self._interactions.halo.everywhere.add_back(forces)
+        return forces[: self.size]
 
     def pushed(self, impulse: np.ndarray) -> np.ndarray:
-        """w H r, or w0 H r, shape (num_slots * dim,)."""
-        return self._blocks.times(self._w, self._transposed @ impulse)
+        """w H r, or w0 H r."""
+        return self._blocks.times(self._w, self.force_of(impulse))
 
-    def product_with(self, impulses: sp.csr_array) -> sp.csr_array:
-        """W times columns."""
-        forces = sp.csr_array(self._transposed @ impulses)
-        return sp.csr_array(self.jumps @ self._blocks.times_columns(self._w, forces))
+    def pushed_columns(self, motions: sp.csr_array) -> tuple[sp.csr_array, sp.csr_array]:
+        """H H^T R of motions by columns, which all ranks count alike, and w H H^T R."""
+        forces = self._sharing.forces(motions)
+        return forces, self._blocks.times_columns(self._w, forces)
 
     def precondition(self, jump: np.ndarray) -> np.ndarray:
         """M times a jump of velocities: impulses."""
-        free = self._blocks.free
-        moved = np.zeros(free.size)
-        moved[free] = self._share.solve((self._transposed @ jump)[free])
-        moved = self._blocks.times(self._schur, moved)
-        moved[free] = self._share.solve(moved[free])
-        moved[~free] = 0.0
-        return self.jumps @ moved
+        moved = self._sharing.shared(self.force_of(jump))
+        moved = self._sharing.shared(self._blocks.times(self._schur, moved))
+        return self.jump_of(moved)
 
 
-def _jumps(points, num_slots: int, dim: int) -> sp.csr_array:
-    """H^T in the axes of space, shape (num_points * dim, num_slots * dim)."""
-    count, _, k = points.nodes.shape
-    signed = points.weights * np.array([1.0, -1.0])[:, None]
-    rows = np.repeat(np.arange(count), 2 * k)
-    scalar = sp.coo_array((signed.ravel(), (rows, points.nodes.ravel())), shape=(count, num_slots))
-    return sp.csr_array(sp.kron(scalar, sp.eye_array(dim)))
+def _scalar_jumps(interactions: Interactions) -> sp.csr_array:
+    """H^T of one component, shape (num_points, num_slots)."""
+    parts = [sp.csr_array((0, interactions.inverse.num_slots))]
+    for points in (g.points for g in interactions.groups):
+        signed = points.weights * np.array([1.0, -1.0])[:, None]
+        rows = np.repeat(np.arange(len(points)), 2 * points.nodes.shape[2])
+        entries = (signed.ravel(), (rows, points.nodes.ravel()))
+        parts.append(sp.coo_array(entries, shape=(len(points), parts[0].shape[1])))
+    return sp.vstack(parts, format="csr")
 
 
 class CoarseSpace:
@@ -241,74 +253,98 @@ class CoarseSpace:
 
         C^T (g - W C y - G a) = 0,    G^T C y = e.
 
+    Every rank makes it, of the few motions of all bodies, and has all y and a.
+
     Args:
         system: W, and R0.
-        motions: R but for R0, by columns.
+        motions: R of this rank's bodies but for R0, by columns.
     """
 
-    def __init__(self, system: BondedSystem, motions: sp.csc_array):
-        jumps = system.jumps @ motions
-        self._anchored = sp.csr_array((jumps.shape[0], 0))
-        if system.motions is not None:
-            self._anchored = sp.csr_array(system.jumps @ system.motions)
-            jumps = sp.hstack([jumps, self._anchored])
-        self._impulses = sp.csr_array(jumps)
-        self._products = system.product_with(self._impulses)
-        self.size = self._impulses.shape[1]
-        square = self._impulses.T @ self._products
-        border = self._impulses.T @ self._anchored
+    def __init__(self, system: BondedSystem, interactions: Interactions, motions: sp.csc_array):
+        self._force_of, self._jump_of = system.force_of, system.jump_of
+        self._total = interactions.total
+        halo = interactions.halo
+        counts = np.array([motions.shape[1], system.motions.shape[1]])
+        of_all = counts[None] if halo is None else np.array(halo.ranks.comm.allgather(counts))
+        first = np.zeros(2, int) if halo is None else of_all[: halo.ranks.rank].sum(axis=0)
+        total = of_all.sum(axis=0)
+        self.size, self._soft = int(total.sum()), int(total[0])
+        numbers = np.concatenate(
+            [first[0] + np.arange(counts[0]), total[0] + first[1] + np.arange(counts[1])]
+        )
+        self._anchors = slice(first[1], first[1] + counts[1])
+        own = sp.coo_array(sp.hstack([motions, system.motions]))
+        entries = (own.data, (own.row, numbers[own.col]))
+        self._motions = sp.csr_array(sp.coo_array(entries, shape=(system.size, self.size)))
+        self._back = sp.csr_array(self._motions.T)
+        forces, self._pushed = system.pushed_columns(self._motions)
+        square = sp.csr_array(forces.T @ self._pushed)
+        border = sp.csr_array((self._back @ forces)[:, self._soft :])
+        if halo is not None:
+            parts = zip(*halo.ranks.comm.allgather((square, border)), strict=True)
+            square, border = map(sum, parts)
         matrix = sp.block_array([[square, border], [border.T, None]], format="csr")
         # regular though motions of the whole scene, or more motions than points, are dependent
         weight = np.where(square.diagonal() > 0.0, square.diagonal(), 1.0)
-        scale = 1.0 / np.sqrt(np.concatenate([weight, self._border_scale(weight)]))
-        self._scale = scale
+        # squares of the scales that make rows of the border of order one
+        beside = border[self._soft :].diagonal() ** 2 / weight[self._soft :]
+        self._scale = scale = 1.0 / np.sqrt(np.concatenate([weight, beside]))
         self._matrix = sp.csr_array(sp.diags_array(scale) @ matrix @ sp.diags_array(scale))
         shift = np.full(len(scale), _SHIFT)
         shift[self.size :] *= -1.0
         self._factors = splu(sp.csc_array(self._matrix + sp.diags_array(shift)))
 
-    def _border_scale(self, weight: np.ndarray) -> np.ndarray:
-        """Squares of the scales that make rows of the border of order one."""
-        anchored = weight[self.size - self._anchored.shape[1] :]
-        entries = sp.csr_array(self._anchored.T @ self._anchored).diagonal()
-        return entries**2 / anchored
-
     def _solved(self, jump: np.ndarray, short: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """y and a for C^T g and e."""
-        right = self._scale * np.concatenate([jump, short])
+        """y and a of all ranks for this rank's part of C^T g and e."""
+        right = self._scale * self._total(np.concatenate([jump, short]))
         solution = self._factors.solve(right)
         solution += self._factors.solve(right - self._matrix @ solution)
         solution *= self._scale
         return solution[: self.size], solution[self.size :]
 
-    def correction(self, missing: np.ndarray, short: np.ndarray) -> np.ndarray:
-        """Impulses that close the missing jumps as far as C does, and give G^T C y = e."""
-        return self._impulses @ self._solved(self._impulses.T @ missing, short)[0]
+    def _closing(self, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """y and a that close missing jumps as far as they can."""
+        none = np.zeros(self.size - self._soft)
+        return self._solved(self._back @ self._force_of(missing), none)
+
+    def correction(self, missing: np.ndarray, impulse: np.ndarray, load: np.ndarray) -> np.ndarray:
+        """Impulses that close the missing jumps as far as C does, and hold floating bodies.
+
+        With those that are there these are in equilibrium with the load R0^T f.
+        """
+        short = -(self._back @ self._force_of(impulse))[self._soft :]
+        short[self._anchors] -= load
+        y, _ = self._solved(self._back @ self._force_of(missing), short)
+        return self._jump_of(self._motions @ y)
 
     def left(self, missing: np.ndarray) -> np.ndarray:
         """Jumps but for what C y and a close."""
-        none = np.zeros(self._anchored.shape[1])
-        y, a = self._solved(self._impulses.T @ missing, none)
-        return missing - self._products @ y - self._anchored @ a
+        y, a = self._closing(missing)
+        return missing - self._jump_of(self._pushed @ y + self._motions[:, self._soft :] @ a)
 
     def admissible(self, impulse: np.ndarray) -> np.ndarray:
         """A search direction from an impulse."""
-        y, _ = self._solved(self._products.T @ impulse, self._anchored.T @ impulse)
-        return impulse - self._impulses @ y
-
-    def short(self, impulse: np.ndarray, load: np.ndarray) -> np.ndarray:
-        """What is short of the equilibrium of floating bodies, -R0^T f - G^T r."""
-        return -load - self._anchored.T @ impulse
+        force = self._force_of(impulse)
+        y, _ = self._solved(self._pushed.T @ force, (self._back @ force)[self._soft :])
+        return impulse - self._jump_of(self._motions @ y)
 
     def anchor_velocities(self, missing: np.ndarray) -> np.ndarray:
-        """a that closes the last jumps."""
-        none = np.zeros(self._anchored.shape[1])
-        return self._solved(self._impulses.T @ missing, none)[1]
+        """a of this rank's anchors that closes the last jumps."""
+        return self._closing(missing)[1][self._anchors]
 
 
-def all_bonded(interactions: Interactions) -> bool:
-    """Whether every point is a perfect bond."""
-    return [g.kernels.no_jump for g in interactions.groups] == [True]
+def _require_bonds(interactions: Interactions) -> None:
+    """Raise an error on all ranks where a point of any is no perfect bond."""
+    groups = interactions.groups
+    if interactions.everywhere(all(g.kernels.no_jump and not g.sides.lever_arms for g in groups)):
+        return
+    names, halo = [group.kernels.name for group in groups], interactions.halo
+    if halo is not None:
+        names = list(dict.fromkeys(sum(halo.ranks.comm.allgather(names), [])))
+    raise ValueError(
+        f'solver="subdomains" needs PerfectBond at every point, and there is: {", ".join(names)}. '
+        'Take "auto", "newton" or "nlgs", which any law may be mixed with.'
+    )
 
 
 class BondedGradients(Solver):
@@ -331,14 +367,9 @@ class BondedGradients(Solver):
         self, interactions: Interactions, velocity: np.ndarray, options: SolveOptions
     ) -> SolveReport:
         """Find the impulses of the step, as `Solver.solve` says."""
-        if not interactions.groups:
+        if not interactions.total(len(interactions.groups)):
             return SolveReport(True, 1, 0.0, 0.0, "subdomains")
-        if not all_bonded(interactions):
-            names = ", ".join(group.kernels.name for group in interactions.groups)
-            raise ValueError(
-                f'solver="subdomains" needs PerfectBond at every point, and there is: {names}. '
-                'Take "auto", "newton" or "nlgs", which any law may be mixed with.'
-            )
+        _require_bonds(interactions)
         system = self._system
         if system is None or system.inverse is not interactions.inverse:
             system = self._system = BondedSystem(interactions, self._coarse_space)
@@ -355,22 +386,27 @@ class _Iteration:
 
     def __init__(self, interactions: Interactions, system: BondedSystem, velocity: np.ndarray):
         self._system, self._coarse, self._velocity = system, system.coarse, velocity
-        self._interactions, self._group = interactions, interactions.groups[0]
-        self._free = velocity.copy()
+        self._interactions, self._groups = interactions, interactions.groups
+        self._free = velocity[: system.size].copy()
         self._load = np.zeros(0)
-        if system.motions is not None:
+        if system.motions.shape[1]:
             self._load = interactions.anchors.load
             self._free -= system.motions @ interactions.anchors.on_springs
-        self._wanted = self._to_space(-self._group.jump / interactions.step_size)
-        self._directions: list[np.ndarray] = []
-        self._responses: list[np.ndarray] = []
+        self._wanted = self._to_space([-g.jump / interactions.step_size for g in self._groups])
+        self._directions = np.empty((0, len(self._wanted)))
+        self._responses = np.empty((0, len(self._wanted)))
 
-    def _to_space(self, local: np.ndarray) -> np.ndarray:
-        return np.einsum("pij,pi->pj", self._group.points.frame, local).ravel()
+    def _to_space(self, local: list[np.ndarray]) -> np.ndarray:
+        parts = [
+            np.einsum("pij,pi->pj", g.points.frame, values).ravel()
+            for g, values in zip(self._groups, local, strict=True)
+        ]
+        return np.concatenate([np.zeros(0), *parts])
 
     def _missing(self, impulse: np.ndarray) -> np.ndarray:
         """d - W r; sets the velocities but for R0 a."""
-        self._velocity[:] = self._free + self._system.pushed(impulse)
+        self._velocity[: self._system.size] = self._free + self._system.pushed(impulse)
+        self._interactions.refresh_ghosts(self._velocity)
         return self._wanted - self._system.jumps @ self._velocity
 
     def _left(self, impulse: np.ndarray) -> np.ndarray:
@@ -378,14 +414,13 @@ class _Iteration:
         missing = self._missing(impulse)
         if self._coarse is None:
             return missing
-        impulse += self._coarse.correction(missing, self._coarse.short(impulse, self._load))
+        impulse += self._coarse.correction(missing, impulse, self._load)
         return self._coarse.left(self._missing(impulse))
 
     def run(self, tolerance: float, max_iterations: int) -> SolveReport:
         """Iterate until the error is within the tolerance."""
-        group = self._group
         scale = self._scale(tolerance)
-        impulse = self._to_space(group.impulse)
+        impulse = self._to_space([g.impulse for g in self._groups])
         count, traction, error, arrived = 0, 0.0, np.inf, False
         for _ in range(_RENEWALS):
             before = error
@@ -404,31 +439,38 @@ class _Iteration:
             arrived = reached <= tolerance
             traction = self._traction(change)
         self._move_anchors(impulse)
-        local = np.einsum("pij,pj->pi", group.points.frame, impulse.reshape(-1, self._system.dim))
-        group.impulse[:] = local
+        by_points, first = impulse.reshape(-1, self._interactions.dim), 0
+        for g in self._groups:
+            own, first = by_points[first : first + len(g)], first + len(g)
+            g.impulse[:] = np.einsum("pij,pj->pi", g.points.frame, own)
         size = self._coarse.size if self._coarse else 0
         reason = f"{count} iterations, {size} coarse unknowns"
         return SolveReport(arrived, max(count, 1), error, traction, "subdomains", reason)
 
     def _move_anchors(self, impulse: np.ndarray) -> None:
         missing = self._missing(impulse)
-        if self._system.motions is not None:
-            moved = self._coarse.anchor_velocities(missing)
-            self._interactions.anchors.velocity[:] = moved
-            self._velocity += self._system.motions @ moved
+        if self._coarse is None or self._interactions.anchors is None:
+            return
+        moved = self._coarse.anchor_velocities(missing)
+        self._interactions.anchors.velocity[:] = moved
+        self._velocity[: self._system.size] += self._system.motions @ moved
+        self._interactions.refresh_ghosts(self._velocity)
 
     def _scale(self, tolerance: float) -> float:
         """Energy of the impulses beyond the coarse space's; at least what rounding is worth."""
+        points = self._interactions
         left = self._left(np.zeros_like(self._wanted))
-        speed = float(np.abs(self._velocity).max(initial=0.0))
-        rounding = _ROUNDING * speed * np.sqrt(self._system.stiffness.sum())
+        speed = points.largest(float(np.abs(self._velocity).max(initial=0.0)))
+        stiffness = points.total(float(self._system.stiffness.sum()))
+        rounding = _ROUNDING * speed * np.sqrt(stiffness)
         return max(self._energy(left)[0], rounding / tolerance)
 
     def _energy(self, left: np.ndarray) -> tuple[float, np.ndarray]:
         direction = self._system.precondition(left)
         if self._coarse is not None:
             direction = self._coarse.admissible(direction)
-        return float(np.sqrt(max(left @ direction, 0.0))), direction
+        square = self._interactions.total(float(left @ direction))
+        return float(np.sqrt(max(square, 0.0))), direction
 
     def _error(self, left: np.ndarray, scale: float) -> tuple[float, np.ndarray]:
         energy, direction = self._energy(left)
@@ -436,17 +478,20 @@ class _Iteration:
 
     def _advance(self, direction: np.ndarray, left: np.ndarray):
         """One step of conjugate gradients: change of the impulses, jumps left after it."""
-        for old, response in zip(self._directions, self._responses, strict=True):
-            direction -= (direction @ response) * old
-        response = self._system.jumps @ self._system.pushed(direction)
-        length = np.sqrt(direction @ response)
+        total = self._interactions.total
+        direction = direction - total(self._responses @ direction) @ self._directions
+        response = self._system.jump_of(self._system.pushed(direction))
+        square, product = total(np.array([direction @ response, direction @ left]))
+        length = np.sqrt(square)
         direction, response = direction / length, response / length
-        self._directions.append(direction)
-        self._responses.append(response)
-        factor = direction @ left
+        self._directions = np.vstack([self._directions, direction])
+        self._responses = np.vstack([self._responses, response])
+        factor = product / length
         left = left - factor * response
         return factor * direction, left if self._coarse is None else self._coarse.left(left)
 
     def _traction(self, change: np.ndarray) -> float:
-        size = np.linalg.norm(change.reshape(-1, self._system.dim), axis=1)
-        return float((size / self._group.points.area).max() / self._interactions.step_size)
+        size = np.linalg.norm(change.reshape(-1, self._interactions.dim), axis=1)
+        area = np.concatenate([np.zeros(0), *(g.points.area for g in self._groups)])
+        largest = self._interactions.largest(float((size / area).max(initial=0.0)))
+        return largest / self._interactions.step_size
