@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import importlib
 import json
 import os
 import runpy
@@ -28,6 +29,7 @@ _LONGEST_LINE = 100_000
 def serve() -> None:
     """Run what is asked for until the input ends."""
     comm = MPI.COMM_WORLD.Dup()
+    importlib.import_module("petsc4py.PETSc")  # begins on all ranks at once
     parts = [comm.Split(comm.rank >= count, comm.rank) for count in range(1, comm.size + 1)]
     # a rank that waits in MPI polls, and would take its share of a core
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as wake:
