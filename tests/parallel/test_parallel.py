@@ -269,16 +269,16 @@ def test_an_error_stops_all_with_one_message(kind, said):
 
 @pytest.mark.ranks
 def test_what_fails_at_the_root_fails_on_all():
-    done = on_new_ranks(2, "ranks/errors.py", "root")
-    assert done.returncode == 0, done.stderr
+    done = on_ranks(2, "ranks/errors.py", "root")
+    assert done.returncode == 0, done.stdout
     assert done.stdout.count("no space") == 2
 
 
 @pytest.mark.ranks
 def test_many_ranks_agree_as_few_do():
     """By all to all and as MPI reduces: the same bits on all, and what is no number is seen."""
-    done = on_new_ranks(3, "ranks/reductions.py", timeout=60)
-    assert done.returncode == 0, done.stderr
+    done = on_ranks(3, "ranks/reductions.py")
+    assert done.returncode == 0, done.stdout
     told = json.loads(done.stdout)
     values = [np.random.default_rng(rank).normal(size=(3, 2)) for rank in range(3)]
     assert told["alike"]
@@ -290,6 +290,6 @@ def test_many_ranks_agree_as_few_do():
 
 @pytest.mark.ranks
 def test_what_is_exchanged_arrives():
-    done = on_new_ranks(3, "ranks/exchanges.py", timeout=60)
-    assert done.returncode == 0, done.stderr
+    done = on_ranks(3, "ranks/exchanges.py")
+    assert done.returncode == 0, done.stdout
     assert "exchanged" in done.stdout

@@ -92,7 +92,7 @@ def test_what_is_not_divided_is_refused(found):
         assert re.match(expected, said), said
 
 
-@pytest.mark.parametrize(("name", "half", "last"), [("", 20, 30), ("solids_", 20, 30),
+@pytest.mark.parametrize(("name", "half", "last"), [("", 12, 18), ("solids_", 12, 18),
                                                     ("boxes_", 8, 14)])  # fmt: skip
 def test_a_restart_goes_on_as_if_nothing_had_been(tmp_path, name, half, last):
     """On as many ranks and on others, for which DOLFINx partitions the mesh otherwise."""

@@ -14,12 +14,11 @@ HELLO = f"{RANK}said = comm.gather('hello')\nif said:\n    print(*said, flush=Tr
 @pytest.fixture(scope="module", autouse=True)
 def of_their_own():
     """Others than those that other files run scripts on, which have loaded what these need."""
-    own: dict = {}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(on_ranks, "_standing", own)
+        patch.setattr(on_ranks, "_standing", [])
+        patch.setattr(on_ranks, "MOST_RANKS", 3)
         yield
-    for ranks in own.values():
-        on_ranks._end(ranks)
+        on_ranks._dismiss()
 
 
 @pytest.fixture
@@ -56,13 +55,13 @@ def test_a_last_line_may_be_open(run):
 
 def test_ranks_that_have_ended_have_followers(run):
     assert run(HELLO).returncode == 0
-    on_ranks._standing[2].terminate()
-    on_ranks._standing[2].wait()
+    on_ranks._standing[0].terminate()
+    on_ranks._standing[0].wait()
 
 
 def test_an_interrupted_test_ends_its_ranks(run, monkeypatch):
     assert run(HELLO).returncode == 0
-    ranks = on_ranks._standing[2]
+    ranks = on_ranks._standing[0]
 
     def interrupted(*_):
         raise KeyboardInterrupt

@@ -63,7 +63,7 @@ def explicit():
         bodies, {1: ELASTIC}, default_interaction=BOND, loads=loads,
         initial_velocity=lambda x: start(x)[:2],
     )  # fmt: skip
-    return scene, {"scheme": "explicit", "tolerance": 1e-12}, 60
+    return scene, {"scheme": "explicit", "tolerance": 1e-12}, 36
 
 
 def scattered():
@@ -242,7 +242,7 @@ def splitting():
         bodies, {1: ELASTIC}, default_interaction=bond, loads=loads,
         initial_velocity=lambda x: start(x)[:2],
     )  # fmt: skip
-    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 60
+    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 36
 
 
 def burst():
@@ -294,7 +294,7 @@ def dropped():
         loads=[Gravity((1.0, -20.0))],
         initial_velocity=lambda x: np.stack([0.5 + 2.0 * x[0], 1.5 * x[1] - 1.0]),
     )  # fmt: skip
-    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 60
+    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 36
 
 
 def turning_dropped():

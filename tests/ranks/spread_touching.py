@@ -27,7 +27,7 @@ from xper_fx.simulation.simulation import Simulation
 from xper_fx.support.compat import geometry_dofmap
 
 WORLD = MPI.COMM_WORLD
-LAST = 30  # step of runs that are recorded
+LAST = 18  # step of runs that are recorded
 
 
 def strength(x):
@@ -41,7 +41,7 @@ def split_cells():
     scene = touching_bodies.flying_plates(
         bodies, (0.004, 0.13), 0.5, 4.0, touching_bodies.ELASTIC, RigidCohesiveZone(strength, 0.1)
     )
-    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 30
+    return scene, {"scheme": "explicit", "tolerance": 1e-10}, 16
 
 
 def turning_cells():
@@ -53,7 +53,7 @@ def turning_cells():
 def breaking():
     """Plates of bonded blocks meet, break, and their lips part."""
     scene, options, _ = touching_bodies.explicit_shards()
-    return scene, options, 40
+    return scene, options, 20
 
 
 def one_end():
@@ -148,7 +148,7 @@ def thrown():
         contacts=[Contact((a, b), touching_bodies.RUB) for a, b in (("blocks", "blocks"),
                                                                    ("blocks", "ball"))],
     )  # fmt: skip
-    return scene, {"step": 2e-3, "tolerance": 1e-10, "scheme": "implicit"}, 40
+    return scene, {"step": 2e-3, "tolerance": 1e-10, "scheme": "implicit"}, 35
 
 
 OWN = (

@@ -19,8 +19,9 @@ import standing_ranks
 # Whether the present test is marked `ranks`; tests/conftest.py says so.
 marked = True
 FOLDER = Path(__file__).parents[1]
-# Those that have run scripts and wait for the next, by their number.
-_standing: dict[int, subprocess.Popen] = {}
+# Ranks that have run scripts and wait for the next, of which each takes the first few: one at most.
+_standing: list[subprocess.Popen] = []
+MOST_RANKS = 4
 # Seconds after which a script is stopped.
 _PATIENCE = 1800.0
 # More ranks than cores, as the tests are one of several things that a machine does.
@@ -98,7 +99,7 @@ def on_ranks(count: int, script: Path, *arguments):
     """Run a Python script on ranks that have run others before, and will run the next.
 
     Args:
-        count: number of ranks.
+        count: number of ranks, `MOST_RANKS` at most.
         script: path, relative to the tests' folder or absolute.
         arguments: of the script.
 
@@ -107,8 +108,8 @@ def on_ranks(count: int, script: Path, *arguments):
         ranks, which have ended.
     """
     _require_ranks()
-    ranks = _standing_ranks(count)
-    command = [str(FOLDER / script), *map(str, arguments)]
+    ranks = _standing_ranks()
+    command = [count, str(FOLDER / script), *map(str, arguments)]
     stop = threading.Timer(_PATIENCE, ranks.terminate)
     stop.start()
     out, end, status = "", f"{standing_ranks.DONE}\n", 0
@@ -128,20 +129,18 @@ def on_ranks(count: int, script: Path, *arguments):
     return subprocess.CompletedProcess(command, status, out.removesuffix(end), "")
 
 
-def _standing_ranks(count: int) -> subprocess.Popen:
-    ranks = _standing.get(count)
-    if ranks is None or ranks.poll() is not None:
-        if ranks is not None:
-            _end(ranks)
+def _standing_ranks() -> subprocess.Popen:
+    if not _standing or _standing[0].poll() is not None:
+        _dismiss()
         options = {"stdin": subprocess.PIPE, "stderr": subprocess.STDOUT}
-        ranks = _standing[count] = _start(count, standing_ranks.__file__, **options)
-    return ranks
+        _standing.append(_start(MOST_RANKS, standing_ranks.__file__, **options))
+    return _standing[0]
 
 
 @atexit.register
 def _dismiss() -> None:
-    for ranks in _standing.values():
-        _end(ranks)
+    while _standing:
+        _end(_standing.pop())
 
 
 def _end(ranks: subprocess.Popen) -> int:
