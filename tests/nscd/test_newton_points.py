@@ -390,7 +390,7 @@ def test_orthomin_falls_like_minres_where_the_matrix_is_symmetric(kept):
     scipy.sparse.linalg.minres(
         a, b, rtol=1e-14, maxiter=iterations, callback=lambda x: reached.append(b - a @ x)
     )
-    assert np.linalg.norm(reached[-2]) > 1e-8 >= 0.99 * np.linalg.norm(reached[-1])
+    assert np.linalg.norm(reached[-2]) > 1e-8 >= 0.8 * np.linalg.norm(reached[-1])
 
 
 def test_orthomin_solves_what_is_not_symmetric():

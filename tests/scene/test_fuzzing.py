@@ -549,7 +549,7 @@ def test_energies_beyond_floats():
     bodies = box_bodies((1.0, 1.0), (1, 1), label=0)
     loads = [PrescribedVelocity(LEFT, 0, lambda t: 0.0 if t < 0.15 else 1e200)]
     simulation = Simulation(Scene(bodies, {1: LINEAR}, loads=loads), 0.1)
-    with pytest.warns(RuntimeWarning), pytest.raises(NotFiniteError, match="the energies work"):
+    with pytest.raises(NotFiniteError, match="the energies work"):
         list(simulation.steps(1.0))
     assert simulation.time == pytest.approx(0.1)
     require_finite(simulation, None)

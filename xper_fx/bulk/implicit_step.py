@@ -312,8 +312,9 @@ class ImplicitStep:
 
         Else 0: what went on in a solve says little of the next one.
         """
-        arrived = self._solved and self._solver_error <= self._options.tolerance
-        return self._sweeps if self._exact and self._swept and arrived else 0
+        if not (self._exact and self._swept and self._solved):
+            return 0
+        return self._sweeps if self._solver_error <= self._options.tolerance else 0
 
     def _outcome(self, iterations: int) -> StepOutcome:
         bulk, velocity, step = self._bulk, self._velocity, self._step
