@@ -58,7 +58,9 @@ def test_ranks_agree(found, name, count):
         # faces of hexahedra can push each other in more ways than one
         elif key == "force" and name == "boxes":
             one[key], many[key] = one[key].sum(), many[key].sum()
-        assert np.abs(one[key] - many[key]).max(initial=0.0) <= 1e-8 * scale, key
+        # two contacts of a body share what they bear as the tolerance lets them
+        bound = 1e-7 if key == "force" else 1e-8
+        assert np.abs(one[key] - many[key]).max(initial=0.0) <= bound * scale, key
     if name not in ("heap", "turning_cells", "turning_split_struck"):
         # at small strain energy closes to rounding
         assert np.abs(many["closure"]).max() <= 1e-12 * energy
