@@ -68,7 +68,8 @@ class Snapshot:
         if scene.bodies is not self.scene.bodies:
             raise ValueError(
                 "A scene goes on with the meshed bodies of the run or, as that, without any: give "
-                "the same Bodies object as `bodies`."
+                "the same Bodies object as `bodies`, that of the scene that the run was given "
+                "(Simulation.scene has another one where ranks have divided a spread mesh anew)."
             )
         number = self.numbers_of(scene.rigid)
         known = number[number >= 0]
