@@ -22,10 +22,10 @@ pytestmark = pytest.mark.ranks
 # hexahedra and edges that cross, a sphere on an edge, order 2 on a wall, friction that weakens
 # where nodes slide from body to body of one fragment, and ranks without a surface. Beside rigid
 # bodies: joints, clusters of cells that split, discs that meet, an anvil and a floor, solids in
-# space, a disc that flies to another rank's block.
+# space, a disc that flies to another rank's block, bodies that touch without a bond.
 SCENES = {
     2: ("split_cells", "heap", "rammed", "split_struck", "pelted", "thrown", "struck",
-        "split_boxes", "on_edge"),
+        "split_boxes", "on_edge", "rubbed"),
     3: ("turning_cells", "breaking", "boxes", "broken_boxes", "slide", "held", "refused",
         "turning_split_struck"),
     4: ("one_end",),
@@ -44,7 +44,7 @@ def found(tmp_path_factory):
 def test_ranks_agree(found, name, count):
     one, many = found(name, 1), found(name, count)
     assert set(one) == set(many)
-    least = {"one_end": 0, "rammed": 4, "thrown": 2, "on_edge": 1}.get(name, 10)
+    least = {"one_end": 0, "rammed": 4, "thrown": 2, "on_edge": 1, "rubbed": 6}.get(name, 10)
     assert one["pushed"].max() >= least
     np.testing.assert_array_equal(many["pushed"], one["pushed"])
     energy = max(np.abs(one[key]).max() for key in ("kinetic", "external_work"))
