@@ -85,7 +85,7 @@ def test_rest_under_gravity_does_not_bounce(theta):
 
 
 def test_what_pushed_stays_closed_where_a_solver_lifts_it():
-    """At rest, a gap of 1e-4 of what gravity adds to the speed, times the step, lets nothing fall."""
+    """At rest a gap of 1e-4 of what gravity adds to the speed, times the step, is closed."""
     step, mass = 1e-3, 2.0
     ball, weight = PointMass(SignoriniCoulomb(), mass, [0.0, 0.0]), [[-mass * GRAVITY, 0.0]]
     ball.step(step, weight)

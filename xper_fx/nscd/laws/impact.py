@@ -11,13 +11,10 @@ from xper_fx.cache import njit
 
 # Gap at which a pushing point stays closed, relative to h W_NN r_N of the last step.
 _STILL_CLOSED = 1e-3
-# Gap at which any point is closed, relative to the width of its area: that of bodies that touch,
-# but for rounding of what they have moved.
-_TOUCHING = 1e-10
 
 
 @njit(inline="always")
-def least_speed(gap, speed, step, pushed, restitution, area, dim):
+def least_speed(gap, speed, step, pushed, restitution):
     """The least normal velocity (m/s) that a point may end a step with; -inf if it is open.
 
     Args:
@@ -26,10 +23,7 @@ def least_speed(gap, speed, step, pushed, restitution, area, dim):
         step: h (s).
         pushed: speed that the point's impulse of the last step gives (m/s).
         restitution: Newton's e.
-        area: of the point (m^2; 2D: m).
-        dim: 2 or 3.
     """
-    width = area if dim == 2 else np.sqrt(area)
-    if gap <= _STILL_CLOSED * step * pushed + _TOUCHING * width:
+    if gap <= _STILL_CLOSED * step * pushed:
         return -restitution * speed
     return -np.inf

@@ -156,8 +156,7 @@ def rigid_kernels(
         if broken:
             gap = jump[0] + step * (1.0 - theta) * velocity[0]
             pushed = w[i, 0] * state[i, PUSHED]
-            e = parameters[i, restitution]
-            slowest = least_speed(gap, velocity[0], step, pushed, e, area, dim)
+            slowest = least_speed(gap, velocity[0], step, pushed, parameters[i, restitution])
             terms[i, closed_at] = slowest + terms[i, push]
         else:
             terms[i, closed_at] = 0.5 * terms[i, start_at]

@@ -24,10 +24,10 @@ two numbers (1 - e) / (1 + e), is of either sign where W couples normal and tang
 e_T = 0 beside e > 0 as well, the default: an impact that turns the slip round may gain energy
 (Kane and Levinson 1985).
 
-It rests without bouncing, at a constant penetration of at most |dU0| h / 2. A gap below 1e-10 of
-the width of its area is closed: else rounding of bodies that touch would decide which of their
-points take an impact. A point that pushed in the last step also counts as closed while its gap is
-below 1e-3 of what the speed it gave, W_NN r_N, covers in a step: a solver's tolerance opens it.
+It rests without bouncing, at a constant penetration of at most |dU0| h / 2. A point that pushed
+in the last step also counts as closed while its gap is below 1e-3 of what the speed it gave,
+W_NN r_N, covers in a step: else what a solver leaves of a gap would let it fall for a step. Facets
+that touch but for rounding are closed, too (`law_loops.py`).
 
 A point that arrives loses r_N (1 - e) |dU0_N| / 2, whatever theta is (`stepped_points.py`). One
 that was leaving (dU0_N > 0) and is pressed back gains at most r_N dU0_N / 2, and one whose slip a
@@ -237,8 +237,7 @@ def contact_kernels(
         middle = jump[0] + step * (1.0 - theta) * velocity[0]
         if impact:
             pushed = w[i, 0] * state[i, 0]
-            bounce = parameters[i, e]
-            terms[i, _V_MIN] = least_speed(middle, velocity[0], step, pushed, bounce, area, dim)
+            terms[i, _V_MIN] = least_speed(middle, velocity[0], step, pushed, parameters[i, e])
         else:
             terms[i, _V_MIN] = -middle / (step * theta)
         if friction:

@@ -147,8 +147,7 @@ def _kernels(dim: int, contact: str, viscous: bool) -> LawKernels:
         scale = 1.0 if impact else 1.0 / theta
         if impact:
             last = w[i, 0] * state[i, pushed]
-            slowest = least_speed(gap, velocity[0], step, last, parameters[i, e], area, dim)
-            terms[i, v_min] = slowest
+            terms[i, v_min] = least_speed(gap, velocity[0], step, last, parameters[i, e])
         else:
             terms[i, v_min] = -gap / (step * theta)
         square = 0.0

@@ -96,8 +96,7 @@ def weakening_kernels(dim: int, contact: str, joint: bool) -> WeakeningKernels:
             held = f > 0.0 and parameters[i, tension] > 0.0
         if impact and not held:
             last = w[i, 0] * state[i, pushed]
-            slowest = least_speed(gap, velocity[0], step, last, parameters[i, e], area, dim)
-            terms[i, v_min] = slowest
+            terms[i, v_min] = least_speed(gap, velocity[0], step, last, parameters[i, e])
         lag = 0.0 if impact else (1.0 - theta) / theta
         for j in range(1, dim):
             terms[i, shift + j - 1] = lag * velocity[j]
