@@ -8,7 +8,13 @@ import pytest
 from point_mass import PointMass
 
 from xper_fx.nscd.inverse_blocks import BodyInverse
-from xper_fx.nscd.laws import PerfectBond, SignoriniCoulomb, Tresca
+from xper_fx.nscd.laws import (
+    PerfectBond,
+    SignoriniCoulomb,
+    SlipWeakening,
+    StribeckFriction,
+    Tresca,
+)
 
 GRAVITY = 9.81
 
@@ -76,6 +82,29 @@ def test_rest_under_gravity_does_not_bounce(theta):
     assert ball.velocity[0, 0] == pytest.approx(0.0, abs=1e-15)
     assert ball.impulse[0] == pytest.approx(mass * GRAVITY * step, rel=1e-12)
     assert -speed * step <= ball.jump[0] <= 0.0
+
+
+def test_what_pushed_stays_closed_where_a_solver_lifts_it():
+    """At rest a gap of 1e-4 of what gravity adds to the speed, times the step, is closed."""
+    step, mass = 1e-3, 2.0
+    ball, weight = PointMass(SignoriniCoulomb(), mass, [0.0, 0.0]), [[-mass * GRAVITY, 0.0]]
+    ball.step(step, weight)
+    ball.interactions.groups[0].jump[0, 0] = 1e-4 * GRAVITY * step**2
+    ball.step(step, weight)
+    assert ball.velocity[0, 0] == 0.0
+
+
+@pytest.mark.parametrize("law", [SignoriniCoulomb(0.3), SlipWeakening(0.3, 0.1, 0.2),
+                                 StribeckFriction(0.3, 0.1, 0.2)])  # fmt: skip
+@pytest.mark.parametrize(("dim", "area"), [(2, 1e-3), (3, 1e-6)])
+def test_a_gap_of_rounding_is_closed(law, dim, area):
+    """What touches takes an impact at once, on an area 1 mm wide, whatever rounding leaves open."""
+    speeds = []
+    for gap in (-1e-15, 1e-15, 1e-9):
+        ball = PointMass(law, 2.0, np.zeros(dim), gap=gap, area=area)
+        ball.step(1e-3, np.eye(1, dim) * -1e-3)
+        speeds.append(ball.velocity[0, 0])
+    np.testing.assert_allclose(speeds, [0.0, 0.0, -5e-7], atol=1e-20)
 
 
 @pytest.mark.parametrize("dim", [2, 3])

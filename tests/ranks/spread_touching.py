@@ -151,8 +151,14 @@ def thrown():
     return scene, {"step": 2e-3, "tolerance": 1e-10, "scheme": "implicit"}, 35
 
 
+def rubbed():
+    """Discs strike bodies that rub on each other; rounding leaves gaps of 1e-17 m between them."""
+    scene, options, _ = touching_bodies.struck()
+    return dataclasses.replace(scene, default_interaction=touching_bodies.RUB), options, 18
+
+
 OWN = (
-    broken_boxes, split_boxes, thrown, split_cells, turning_cells, breaking, one_end,
+    rubbed, broken_boxes, split_boxes, thrown, split_cells, turning_cells, breaking, one_end,
     split_struck, turning_split_struck, on_edge, tabled,
 )  # fmt: skip
 SCENES = {f.__name__: f for f in OWN}

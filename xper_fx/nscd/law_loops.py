@@ -17,6 +17,9 @@ from xper_fx.nscd.laws.law import LawKernels
 CHUNK = 1024
 # Visits ahead at which velocities are asked for.
 _AHEAD = 8
+# Gap of facets that touch, but for rounding of what they have moved, relative to the width of the
+# point's area.
+_TOUCHING = 1e-10
 
 
 @cache
@@ -50,12 +53,20 @@ def ending(law: LawKernels, sides: Sides):
 def step_loops(law: LawKernels, sides: Sides):
     """The loops of a law's `prepare` and `commit` over ranges of the points p, `PointArrays`.
 
+    Gaps of facets at which a law knows impacts, and no bond, count as smaller by what rounding may
+    leave of zero: else it would decide which points of bodies that touch take an impact. Contacts
+    of rigid bodies may have an area of 1, which says nothing of a width.
+
     The second goes over ranges of chunks, which have a row each in `sums`, for each of the law's
     energies (J; 2D: J/m).
     """
     read = point_velocity(sides)
     algebra = for_dimension(sides.dim, sides.components)
     row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
+    subtract, power = algebra.subtract, 1.0 / (sides.dim - 1)
+    normal = (_TOUCHING, 0.0, 0.0)[: sides.components]
+    touching = "pushed" in law.state_names and "cohesion" not in law.energies
+    touching = touching and not sides.lever_arms
     prepare, end, energies = law.prepare, ending(law, sides), len(law.energies)
     may_rest = law.rigid is not None and law.rigid.rests is not None
     rests = law.rigid.rests if may_rest else None
@@ -63,8 +74,11 @@ def step_loops(law: LawKernels, sides: Sides):
     @njit(nogil=True, **LEAN_ENTRY)
     def prepare_range(first, last, p, step, theta):
         for i in range(first, last):
+            jump = row(p.jump, i)
+            if touching:
+                jump = subtract(jump, scale(p.area[i] ** power, normal))
             prepare(
-                i, row(p.jump, i), row(p.velocity, i), p.compliance, p.area[i], step, theta,
+                i, jump, row(p.velocity, i), p.compliance, p.area[i], step, theta,
                 p.parameters, p.state, p.terms, p.details,
             )  # fmt: skip
 

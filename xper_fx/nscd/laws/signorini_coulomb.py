@@ -26,7 +26,8 @@ e_T = 0 beside e > 0 as well, the default: an impact that turns the slip round m
 
 It rests without bouncing, at a constant penetration of at most |dU0| h / 2. A point that pushed
 in the last step also counts as closed while its gap is below 1e-3 of what the speed it gave,
-W_NN r_N, covers in a step: else the rounding of a gap of zero would let it fall for a step.
+W_NN r_N, covers in a step: else what a solver leaves of a gap would let it fall for a step. Facets
+that touch but for rounding are closed, too (`law_loops.py`).
 
 A point that arrives loses r_N (1 - e) |dU0_N| / 2, whatever theta is (`stepped_points.py`). One
 that was leaving (dU0_N > 0) and is pressed back gains at most r_N dU0_N / 2, and one whose slip a
