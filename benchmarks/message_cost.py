@@ -3,29 +3,32 @@
 
     ./fenicsx mpirun -n 2 python3 benchmarks/message_cost.py
 
-200 velocities of a cut go to the other rank and as many come from it, packed and unpacked:
+So many numbers of a cut go to the other rank and as many come from it, packed and unpacked:
 
-- *index map*: by DOLFINx, as `parallel/exchange.py` does (a neighbourhood collective);
-- *requests*: persistent requests of mpi4py, numbers packed by NumPy;
+- *requests*: persistent requests of mpi4py, as `parallel/exchange.py` does;
+- *index map*: by DOLFINx (a neighbourhood collective), numbers packed by NumPy;
 - *compiled*: all of it within one compiled function: loops that pack, and the same requests, which
   MPI's C functions start and wait for (Open MPI: the null pointer ignores statuses).
 
-Medians over calls that both ranks begin together, the slower rank's. Compiled code saves 1.5 us of
-an exchange, where a step with 20 of them takes 3 ms for 10 000 points a rank: not worth the binding
-to one MPI's types.
+Medians over calls that both ranks begin together, the slower rank's. Compiled code saves about 1 us
+of an exchange, where a step with 20 of them takes 3 ms for 10 000 points a rank: not worth the
+binding to one MPI's types.
 """
 
 import ctypes
+from functools import partial
 
 import numba
 import numpy as np
+from dolfinx import la
+from dolfinx.common import IndexMap
 from mpi4py import MPI
 from rank_scaling import cost_of_call
 
 from xper_fx.parallel.exchange import Exchange
 from xper_fx.support.ranks import Ranks
 
-COUNT = 200
+COUNTS = 200, 1200
 RANKS = Ranks(MPI.COMM_WORLD)
 OTHER = 1 - RANKS.rank
 
@@ -50,32 +53,41 @@ def compiled(values, own, ghosts, given, taken, requests):
     return lambda: exchange(values, own, ghosts, given, taken, handles)
 
 
+def by_index_map(count, values, own, ghosts):
+    """An exchange by DOLFINx."""
+    others = np.array([OTHER], np.int32)
+    numbers = OTHER * count + np.arange(count)
+    shared = IndexMap(RANKS.comm, count, [others, others], numbers, np.full(count, OTHER, np.int32))
+    vector = la.vector(shared, 1, dtype=np.float64)
+    array = vector.array  # to make this view takes nearly as long as to exchange
+
+    def exchange() -> None:
+        array[:count] = values[own]
+        vector.scatter_forward()
+        values[ghosts] = array[count:]
+
+    return exchange
+
+
 def main() -> None:
     """Measure and print."""
-    values = RANKS.rank + np.arange(2.0 * COUNT)
-    own, ghosts = np.arange(COUNT), COUNT + np.arange(COUNT)
-    given, taken = np.empty(COUNT), np.empty(COUNT)
-    requests = [RANKS.comm.Recv_init(taken, OTHER), RANKS.comm.Send_init(given, OTHER)]
-    slots = np.arange(COUNT // 2)
-    index_map = Exchange(RANKS, {OTHER: slots}, {OTHER: COUNT // 2 + slots}, 2)
-
-    def by_requests() -> None:
-        given[:] = values[own]
-        MPI.Prequest.Startall(requests)
-        MPI.Request.Waitall(requests)
-        values[ghosts] = taken
-
-    ways = {
-        "index map": lambda: index_map.forward(values),
-        "requests": by_requests,
-        "compiled": compiled(values, own, ghosts, given, taken, requests),
-    }
-    for _ in range(2):
-        for name, call in ways.items():
-            found = 1e6 * cost_of_call(RANKS, call)
-            if RANKS.rank == 0:
-                print(f"{name:10} {found:6.2f} us", flush=True)
-    np.testing.assert_array_equal(values[ghosts], OTHER + np.arange(COUNT))
+    for count in COUNTS:
+        values = RANKS.rank + np.arange(2.0 * count)
+        own, ghosts = np.arange(count), count + np.arange(count)
+        given, taken = np.empty(count), np.empty(count)
+        requests = [RANKS.comm.Recv_init(taken, OTHER), RANKS.comm.Send_init(given, OTHER)]
+        exchange = Exchange(RANKS, {OTHER: own}, {OTHER: ghosts}, 1)
+        ways = {
+            "requests": partial(exchange.forward, values),
+            "index map": by_index_map(count, values, own, ghosts),
+            "compiled": compiled(values, own, ghosts, given, taken, requests),
+        }
+        for _ in range(2):
+            for name, call in ways.items():
+                found = 1e6 * cost_of_call(RANKS, call)
+                if RANKS.rank == 0:
+                    print(f"{count:5d} numbers, {name:10}{found:6.2f} us", flush=True)
+        np.testing.assert_array_equal(values[ghosts], OTHER + np.arange(count))
 
 
 if __name__ == "__main__":

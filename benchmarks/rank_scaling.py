@@ -23,12 +23,13 @@ say nothing.
 The model: a step of n points on P ranks takes
 
     t = w n b / P + sum over x exchanges of (c + o (k - 1) + l) + sum over s sums of (d + l log2 P)
-        + v / B,
+        + v (p + 1 / B),
 
 w: least time of a point on one rank; b: imbalance of the partition; x, s: exchanges and sums of a
 step; c, d: what they cost in software, measured on two ranks that begin one together, so that
 nobody waits; k: neighbours of a rank in an exchange; o: what each message more costs, measured with
-eight messages between two ranks in place of one; v: bytes that a rank sends; l, B: latency and
+nine messages between two ranks in place of one of the same bytes; v: bytes that a rank sends; p:
+what a byte costs in software (packed, copied and unpacked); l, B: latency and
 bandwidth between ranks (assumed: 2 us and 10 GB/s, an InfiniBand network). Messages to several
 neighbours are on their way together, and so are a sum and a maximum that ranks ask for at once, for
 which d is measured as well; both go through log2 P stages, as MPI doubles the distance.
@@ -47,6 +48,7 @@ import json
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -68,6 +70,7 @@ from xper_fx.support.ranks import Ranks
 
 LATENCY, BANDWIDTH = 2e-6, 10e9
 WARM, STEPS, CALLS = 3, 40, 400
+SLOTS = 100, 600  # of exchanges that are measured
 POINTS, MOST = 10_000, 10_000_000  # a rank, and of all that are divided, in the model
 RUNS = {
     "explicit": {"scheme": "explicit", "solver": "auto", "tolerance": 1e-3},
@@ -82,6 +85,7 @@ class Clock:
 
     def __init__(self):
         self.exchanges = self.sums = self.pairs = 0
+        self._methods: list[tuple[type, str, Callable]] = []
         for name, returned in (("forward", False), ("back", True), ("add_back", True)):
             self._wrap(Exchange, name, "exchanges", returned)
         for name in ("sum", "max"):  # of few ranks none calls another
@@ -96,6 +100,7 @@ class Clock:
 
     def _wrap(self, kind, name: str, what: str, returned: bool) -> None:
         method = getattr(kind, name)
+        self._methods.append((kind, name, method))
 
         def timed(this, *arguments):
             start, busy = time.perf_counter(), time.thread_time()
@@ -108,6 +113,11 @@ class Clock:
             return result
 
         setattr(kind, name, timed)
+
+    def end(self) -> None:
+        """Leave the methods as they were: the clock takes time of its own."""
+        for kind, name, method in self._methods:
+            setattr(kind, name, method)
 
 
 def cost_of_call(ranks: Ranks, call) -> float:
@@ -122,9 +132,9 @@ def cost_of_call(ranks: Ranks, call) -> float:
 
 
 def cost_of_messages(ranks: Ranks, count: int) -> float:
-    """As `cost_of_call`, of so many messages of 200 numbers between two ranks, both ways."""
+    """As `cost_of_call`, of 1800 numbers in so many messages between two ranks, both ways."""
     other, comm = 1 - ranks.rank, ranks.comm
-    given, taken = np.zeros((count, 200)), np.zeros((count, 200))
+    given, taken = np.zeros((count, 1800 // count)), np.zeros((count, 1800 // count))
     requests = [comm.Recv_init(taken[i], other, i) for i in range(count)]
     requests += [comm.Send_init(given[i], other, i) for i in range(count)]
 
@@ -133,6 +143,14 @@ def cost_of_messages(ranks: Ranks, count: int) -> float:
         MPI.Request.Waitall(requests)
 
     return cost_of_call(ranks, exchange)
+
+
+def cost_of_exchange(ranks: Ranks, count: int) -> float:
+    """As `cost_of_call`, of an exchange of so many slots of two dofs between two ranks."""
+    own, values = 2 * np.arange(count), np.zeros(6 * count)
+    other = 1 - ranks.rank
+    exchange = Exchange(ranks, {other: own}, {other: 2 * count + np.arange(count)}, 2)
+    return cost_of_call(ranks, partial(exchange.forward, values))
 
 
 def measure(cells: int, scheme: str, threads: int) -> dict:
@@ -166,21 +184,18 @@ def measure(cells: int, scheme: str, threads: int) -> dict:
         "bytes": ranks.max(clock.bytes) / STEPS,
         "sweeps": sweeps / STEPS,
     }
+    clock.end()
     if ranks.size == 2:
-        exchange = simulation.interactions.halo.everywhere
-        values, energies = np.zeros(2 * simulation.interactions.halo.num_slots + 2), np.zeros(4)
-        there, back, added = (
-            cost_of_call(ranks, partial(call, values))
-            for call in (exchange.forward, exchange.back, exchange.add_back)
-        )
-        found["exchange_cost"], found["phase_cost"] = (there + back + added) / 3, there
+        energies, (few, many) = np.zeros(4), (cost_of_exchange(ranks, n) for n in SLOTS)
+        found["byte_cost"] = (many - few) / (16 * (SLOTS[1] - SLOTS[0]))
+        found["exchange_cost"] = few - 16 * SLOTS[0] * found["byte_cost"]
         found["message_cost"] = (cost_of_messages(ranks, 9) - cost_of_messages(ranks, 1)) / 8
         found["sum_cost"] = cost_of_call(ranks, lambda: ranks.sum(energies))
-        few, agreed._FEW = agreed._FEW, 1
+        most, agreed._FEW = agreed._FEW, 1
         found["sum_of_many"] = cost_of_call(ranks, lambda: ranks.sum(energies))
         pair = partial(ranks.sum_and_max, energies, energies)
         found["pair_of_many"] = cost_of_call(ranks, pair)
-        agreed._FEW = few
+        agreed._FEW = most
     return found
 
 
@@ -257,7 +272,8 @@ def model(counts: list[int], one: dict, two: dict, scheme: str) -> None:
     once = two["exchanges"] - (2 * two["sweeps"] if scheme == "implicit" else 0)
     print(
         f"\nmodel, {scheme}: {1e9 * work:.0f} ns a point; {1e6 * two['exchange_cost']:.1f} us an "
-        f"exchange, {1e6 * message:.2f} us a message more, {1e6 * two['sum_cost']:.1f} us a sum, "
+        f"exchange, {1e9 * two['byte_cost']:.2f} ns a byte, {1e6 * message:.2f} us a message more, "
+        f"{1e6 * two['sum_cost']:.1f} us a sum, "
         f"{1e6 * two['sum_of_many']:.1f} of more than {agreed._FEW} ranks, "
         f"{1e6 * two['pair_of_many']:.1f} with a maximum"
     )
@@ -268,15 +284,15 @@ def model(counts: list[int], one: dict, two: dict, scheme: str) -> None:
         if POINTS * count > MOST:
             imbalance = imbalance_of_many(count, imbalance)
         messages = (neighbours - 1) * message
-        waits = once * (two["exchange_cost"] + messages[0] + LATENCY)
-        waits += sweeps * np.sum(two["phase_cost"] + messages[1:] + LATENCY)
+        each = two["exchange_cost"] + LATENCY + messages
+        waits = once * each[0] + sweeps * each[1:].sum()
         total = pair = two["sum_cost"]
         if count > agreed._FEW:
             total, pair = two["sum_of_many"], two["pair_of_many"]
         waits += two["sums"] * (total + LATENCY * np.log2(count)) + two["pairs"] * (pair - total)
         sent = 48 * at_cut * (once + 2 * sweeps)  # six dofs of a triangle
         alone = work * POINTS
-        step = alone * imbalance + waits + sent / BANDWIDTH
+        step = alone * imbalance + waits + sent * (two["byte_cost"] + 1.0 / BANDWIDTH)
         print(
             f"{count:6d} {POINTS * count:10d} {imbalance:10.3f} {at_cut:11.0f} "
             f"{' '.join(map(str, neighbours)):>13} "

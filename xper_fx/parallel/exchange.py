@@ -1,15 +1,19 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Values that ranks give each other, by DOLFINx index maps."""
+"""Values that ranks give each other, by persistent requests of MPI."""
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Mapping
 
 import numpy as np
-from dolfinx import la
+from mpi4py import MPI
 
-from xper_fx.support.compat import index_map
+from xper_fx.cache import njit
+from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.support.ranks import Ranks
+
+_TAG = 32_002
 
 
 class Exchange:
@@ -28,64 +32,93 @@ class Exchange:
         ghosts: Mapping[int, np.ndarray],
         dim: int,
     ):
-        self._given = np.concatenate([np.zeros(0, np.int64), *given.values()])
-        self._ghosts = np.concatenate([np.zeros(0, np.int64), *ghosts.values()])
-        count, dims = len(self._given), np.arange(dim)
-        first = ranks.comm.exscan(count) or 0
-        starts = np.cumsum([first, *map(len, given.values())])
-        told = ranks.comm.alltoall(
-            [dict(zip(given, starts[:-1], strict=True)).get(r, 0) for r in range(ranks.size)]
-        )
-        numbers = [told[rank] + np.arange(len(slots)) for rank, slots in ghosts.items()]
-        owners = [np.full(len(slots), rank, np.int32) for rank, slots in ghosts.items()]
-        shared = index_map(
-            ranks.comm,
-            count,
-            np.concatenate([np.zeros(0, np.int64), *numbers]),
-            np.concatenate([np.zeros(0, np.int32), *owners]),
-            [rank for rank, slots in given.items() if len(slots)],
-        )
-        self._vector = la.vector(shared, dim, dtype=np.float64)
-        self._array = self._vector.array  # to make this view takes nearly as long as to exchange
-        self._split = count * dim
-        self._own = (self._given[:, None] * dim + dims).ravel()
-        self._mirrored = (self._ghosts[:, None] * dim + dims).ravel()
+        self._own, self._mirrored = _entries(given, dim), _entries(ghosts, dim)
+        self._own_values = np.empty(len(self._own))
+        self._mirrored_values = np.empty(len(self._mirrored))
+        comm = ranks.comm
+        own = _parts(given, self._own_values, dim)
+        mirrored = _parts(ghosts, self._mirrored_values, dim)
+        self._there = [comm.Recv_init(part, rank, _TAG) for rank, part in mirrored]
+        self._there += [comm.Send_init(part, rank, _TAG) for rank, part in own]
+        self._back = [comm.Recv_init(part, rank, _TAG) for rank, part in own]
+        self._back += [comm.Send_init(part, rank, _TAG) for rank, part in mirrored]
+        weakref.finalize(self, _free, self._there + self._back)
 
     def forward(self, values: np.ndarray) -> None:
         """Ghosts take the values of their owners; `values` is flat, of all slots."""
-        array = self._array
-        array[: self._split] = values[self._own]
-        self._vector.scatter_forward()
-        values[self._mirrored] = array[self._split :]
+        _take(values, self._own, self._own_values)
+        _exchange(self._there)
+        _put(values, self._mirrored, self._mirrored_values)
 
     def back(self, values: np.ndarray) -> None:
         """Owners take the values of their ghosts, of which each has one."""
-        array = self._array
-        array[: self._split] = values[self._own]
-        array[self._split :] = values[self._mirrored]
-        self._vector.scatter_reverse(la.InsertMode.insert)
-        values[self._own] = array[: self._split]
+        self._bring_back(values)
+        _put(values, self._own, self._own_values)
 
     def add_back(self, values: np.ndarray) -> None:
         """Owners add the values of their ghosts."""
-        array = self._array
-        array[: self._split] = 0.0
-        array[self._split :] = values[self._mirrored]
-        self._vector.scatter_reverse(la.InsertMode.add)
-        np.add.at(values, self._own, array[: self._split])
+        self._bring_back(values)
+        _add(values, self._own, self._own_values)
+
+    def _bring_back(self, values: np.ndarray) -> None:
+        _take(values, self._mirrored, self._mirrored_values)
+        _exchange(self._back)
 
     @property
     def nbytes(self) -> int:
         """Memory of the values exchanged and of where they are, in bytes."""
-        arrays = (self._given, self._ghosts, self._own, self._mirrored, self._array)
+        arrays = (self._own, self._mirrored, self._own_values, self._mirrored_values)
         return sum(array.nbytes for array in arrays)
 
     @property
     def bytes_sent(self) -> int:
         """Bytes that this rank sends forward."""
-        return 8 * self._split
+        return self._own_values.nbytes
 
     @property
     def bytes_returned(self) -> int:
         """Bytes that this rank sends back."""
-        return 8 * len(self._mirrored)
+        return self._mirrored_values.nbytes
+
+
+def _entries(slots: Mapping[int, np.ndarray], dim: int) -> np.ndarray:
+    """Entries of the dofs of slots, rank by rank."""
+    joined = np.concatenate([np.zeros(0, np.int64), *slots.values()])
+    return (joined[:, None] * dim + np.arange(dim)).ravel()
+
+
+def _parts(
+    slots: Mapping[int, np.ndarray], values: np.ndarray, dim: int
+) -> list[tuple[int, np.ndarray]]:
+    """What of values goes to which rank, or comes from it; ranks without any are left out."""
+    ends = dim * np.cumsum([len(part) for part in slots.values()], dtype=np.int64)
+    parts = zip(slots, np.split(values, ends), strict=False)  # nothing comes after the last end
+    return [(rank, part) for rank, part in parts if len(part)]
+
+
+def _exchange(requests: list[MPI.Prequest]) -> None:
+    MPI.Prequest.Startall(requests)
+    MPI.Request.Waitall(requests)
+
+
+def _free(requests: list[MPI.Prequest]) -> None:
+    for request in requests:
+        request.Free()
+
+
+@njit(**LEAN_ENTRY)
+def _take(values, entries, taken):
+    for i in range(len(entries)):
+        taken[i] = values[entries[i]]
+
+
+@njit(**LEAN_ENTRY)
+def _put(values, entries, given):
+    for i in range(len(entries)):
+        values[entries[i]] = given[i]
+
+
+@njit(**LEAN_ENTRY)
+def _add(values, entries, given):
+    for i in range(len(entries)):
+        values[entries[i]] += given[i]

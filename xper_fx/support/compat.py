@@ -5,14 +5,12 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import cpp as _cpp
-from dolfinx.common import IndexMap
 from dolfinx.fem import CoordinateElement
 from dolfinx.mesh import Mesh, MeshTags
 from mpi4py import MPI
@@ -51,30 +49,6 @@ def interpolation_points(element: Any) -> npt.NDArray[np.floating]:
     """
     points = element.interpolation_points
     return points() if callable(points) else points
-
-
-def index_map(
-    comm: MPI.Comm,
-    num_owned: int,
-    ghosts: npt.NDArray[np.int64],
-    owners: npt.NDArray[np.int32],
-    followers: Iterable[int],
-) -> IndexMap:
-    """Build the map of indices of which other ranks have ghosts.
-
-    Without the ranks on the other side DOLFINx looks for them, with a message tag that has to be
-    given from 0.10 on. Given them, the call is the same in 0.9 to 0.11.
-
-    Args:
-        comm: the ranks.
-        num_owned: how many indices this rank owns.
-        ghosts: shape (num_ghosts,), global indices of other ranks that this rank has as ghosts.
-        owners: shape (num_ghosts,), ranks that own them.
-        followers: ranks that have indices of this one as ghosts.
-    """
-    sources = np.unique(owners).astype(np.int32)
-    destinations = np.array(sorted(followers), np.int32)
-    return IndexMap(comm, num_owned, [sources, destinations], ghosts, owners)
 
 
 def original_cells(mesh: Mesh) -> npt.NDArray[np.int64]:
