@@ -30,6 +30,8 @@ from xper_fx.nscd.couplings import Couplings
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.solvers.solver import SolveOptions, SolveReport
+from xper_fx.nscd.splitting.fused_points import FusedPoints
+from xper_fx.nscd.splitting.loose_vertices import LooseVertices
 from xper_fx.nscd.splitting.touching_clusters import SweptContacts, TouchingClusters
 
 
@@ -43,12 +45,13 @@ class SharedClusters(TouchingClusters):
     def __init__(
         self,
         interactions: Interactions,
+        vertices: FusedPoints | LooseVertices,
         velocity: np.ndarray,
         move: Callable[[np.ndarray], SolveReport],
         options: SolveOptions,
     ):
         self._halo = halo = interactions.halo
-        super().__init__(interactions, velocity, move, options)
+        super().__init__(interactions, vertices, velocity, move, options)
         self._nodes = super()._touched_slots()
         count, own = len(self._velocity), interactions.own_inverse.num_nodes
         first = halo.ranks.before(own)

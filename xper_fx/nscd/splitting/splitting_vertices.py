@@ -67,7 +67,7 @@ class SplittingVertices(Solver):
         else:
             from xper_fx.nscd.splitting.shared_clusters import SharedClusters as Clusters
 
-        return Clusters(interactions, velocity, move, options).solve(self._all)
+        return Clusters(interactions, interactions.fused, velocity, move, options).solve(self._all)
 
     def _move(
         self,

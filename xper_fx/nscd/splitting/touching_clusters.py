@@ -54,6 +54,8 @@ from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.solvers.solver import SolveOptions, SolveReport
+from xper_fx.nscd.splitting.fused_points import FusedPoints
+from xper_fx.nscd.splitting.loose_vertices import LooseVertices
 
 # Share of the tolerance to which contacts are swept between turns of the vertices, and how often
 # at most: mixing is quicker than many sweeps.
@@ -104,6 +106,7 @@ class TouchingClusters:
 
     Args:
         interactions: points after `begin_step`, contacts among them.
+        vertices: those that there are.
         velocity: shape (num_slots * dim,), free velocities of the cells (m/s), which change.
         move: solves the vertices of given numbers from the velocities of their corners.
         options: of the solver.
@@ -112,18 +115,18 @@ class TouchingClusters:
     def __init__(
         self,
         interactions: Interactions,
+        vertices: FusedPoints | LooseVertices,
         velocity: np.ndarray,
         move: Callable[[np.ndarray], SolveReport],
         options: SolveOptions,
     ):
         self._interactions, self._options, self._move = interactions, options, move
-        self._groups, fused = interactions.passing, interactions.fused
-        self._fused, graphs = fused, fused.graphs
+        self._groups, self._at, graphs = interactions.passing, vertices, vertices.graphs
         self._velocity = velocity.reshape(-1, interactions.dim)
         self._free = self._velocity.copy()
         self._touched = self._touched_slots()
-        vertices = np.unique(fused.vertex_of_slot[self._touched])
-        self._vertices = vertices[vertices >= 0]
+        touched = np.unique(vertices.vertex_of_slot[self._touched])
+        self._vertices = touched[touched >= 0]
         self._moved = np.union1d(self._touched, graphs.corners_of(self._vertices))
         self._first_rigid = interactions.bulk_inverse.num_nodes
         self._rigid_w = interactions.rigid_blocks
@@ -207,7 +210,7 @@ class TouchingClusters:
     def _push(self, slots: np.ndarray) -> None:
         """Let the impulses of contacts act on free cells, at some slots, and on rigid bodies."""
         impulses = self._impulses_on_slots()
-        pushed = self._fused.graphs.compliance[slots] * impulses[slots]
+        pushed = self._at.graphs.compliance[slots] * impulses[slots]
         self._velocity[slots] = self._free[slots] + pushed
         count = len(self._rigid_w)
         if count:
@@ -217,10 +220,9 @@ class TouchingClusters:
 
     def _find_clusters(self) -> None:
         """Take what moves as one now; the compliances of contacts follow."""
-        fused = self._fused
-        _take_clusters(
-            self._vertices, fused.whole, fused.clusters, fused.graphs, self._root, self._mobility
-        )
+        at, graphs = self._at, self._at.graphs
+        corners = graphs.corner_offsets, graphs.corner, graphs.compliance
+        _take_clusters(self._vertices, at.whole, at.clusters, corners, self._root, self._mobility)
         self._take_compliances(self._root, self._mobility)
 
     def _take_compliances(self, root: np.ndarray, mobility: np.ndarray) -> None:
@@ -279,14 +281,14 @@ class TouchingClusters:
 
 
 @njit(**LEAN_ENTRY)
-def _take_clusters(vertices, whole, clusters, g, root, mobility):
+def _take_clusters(vertices, whole, clusters, corners, root, mobility):
     """Slot for the cluster of each corner of some vertices, and one over the cluster's mass."""
-    dim = mobility.shape[1]
+    dim, (offsets, corner, compliance) = mobility.shape[1], corners
     for b in vertices:
-        first, last = g.corner_offsets[b], g.corner_offsets[b + 1]
+        first, last = offsets[b], offsets[b + 1]
         for c in range(first, last):
             cluster = 0 if whole[b] else clusters[c]
-            root[g.corner[c]] = g.corner[first + cluster]
+            root[corner[c]] = corner[first + cluster]
             if c != first + cluster:
                 continue
             for d in range(dim):
@@ -294,8 +296,8 @@ def _take_clusters(vertices, whole, clusters, g, root, mobility):
                 for other in range(first, last):
                     if whole[b] or clusters[other] == cluster:
                         # what is driven has no compliance, and infinite mass
-                        mass += 1.0 / g.compliance[g.corner[other], d]
-                mobility[g.corner[c], d] = 1.0 / mass
+                        mass += 1.0 / compliance[corner[other], d]
+                mobility[corner[c], d] = 1.0 / mass
 
 
 @njit(inline="always")

@@ -60,15 +60,20 @@ class VertexGraphs(NamedTuple):
 
     def corners_of(self, vertices: np.ndarray) -> np.ndarray:
         """Slots of the corners of some vertices, the ground's left out."""
-        first, last = self.corner_offsets[vertices], self.corner_offsets[vertices + 1]
-        ends = np.cumsum(last - first)
-        slots = self.corner[np.repeat(last - ends, last - first) + np.arange(ends[-1:].sum())]
-        return slots[slots < len(self.compliance) - 1]
+        return slots_of_corners(self, vertices)
 
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""
         return sum(array.nbytes for array in self)
+
+
+def slots_of_corners(graphs, vertices: np.ndarray) -> np.ndarray:
+    """Slots of the corners of some vertices, the ground's left out."""
+    first, last = graphs.corner_offsets[vertices], graphs.corner_offsets[vertices + 1]
+    ends = np.cumsum(last - first)
+    slots = graphs.corner[np.repeat(last - ends, last - first) + np.arange(ends[-1:].sum())]
+    return slots[slots < len(graphs.compliance) - 1]
 
 
 def vertex_graphs(

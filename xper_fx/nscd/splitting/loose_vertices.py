@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Vertices all of whose bonds have points, as contacts know them (`touching_clusters.py`)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from xper_fx.nscd.inverse_blocks import BodyInverse
+from xper_fx.nscd.point_group import PointGroup
+from xper_fx.nscd.splitting.vertex_graphs import compliance_of_slots, slots_of_corners
+
+
+class Corners(NamedTuple):
+    """The corners of vertices, as `VertexGraphs` has them."""
+
+    corner_offsets: np.ndarray  #: shape (num_vertices + 1,), first corner of each vertex
+    corner: np.ndarray  #: shape (num_corners,), slot of each
+    compliance: np.ndarray  #: shape (num_slots, dim), 1 / m of each slot, zero where it is driven
+
+    def corners_of(self, vertices: np.ndarray) -> np.ndarray:
+        """Slots of the corners of some vertices, the ground's left out."""
+        return slots_of_corners(self, vertices)
+
+
+class LooseVertices:
+    """Vertices whose cells move each by itself.
+
+    Args:
+        groups: of points with one node a side.
+        vertex: shape (num_points,), of each point, group by group.
+        num_vertices: how many there are, those included that have lost all of their points.
+        inverse: one block a node.
+
+    Attributes:
+        graphs: corners.
+        whole, clusters, vertex_of_slot: as of `FusedPoints`.
+    """
+
+    def __init__(
+        self,
+        groups: list[PointGroup],
+        vertex: np.ndarray,
+        num_vertices: int,
+        inverse: BodyInverse,
+    ):
+        count, ground = inverse.num_slots, inverse.num_nodes
+        slots = np.concatenate([g.points.nodes[:, :, 0] for g in groups])
+        keys = np.unique(vertex.astype(np.int64)[:, None] * count + slots)
+        keys = keys[keys % count != ground]
+        offsets = np.searchsorted(keys, np.arange(num_vertices + 1) * count)
+        corner = (keys % count).astype(np.int32)
+        diagonal = inverse if inverse.diagonal else inverse.diagonal_of_nodes()
+        self.graphs = Corners(offsets, corner, compliance_of_slots(diagonal))
+        self.whole = np.zeros(num_vertices, bool)
+        self.clusters = (np.arange(len(corner)) - np.repeat(offsets[:-1], np.diff(offsets))).astype(
+            np.int16
+        )
+        self.vertex_of_slot = np.full(count, -1, np.int32)
+        self.vertex_of_slot[corner] = keys // count
