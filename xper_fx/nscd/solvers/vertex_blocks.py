@@ -154,7 +154,8 @@ def _set_identities(inverse, offsets, sizes):
 def vertex_of_points(groups: list[PointGroup]) -> np.ndarray:
     """The vertex of each point, group by group, of groups that are ordered by vertices."""
     offsets = [g.ordering.tile_offsets for g in groups]
-    return np.concatenate([np.repeat(np.arange(len(o) - 1), np.diff(o)) for o in offsets])
+    vertices = [np.repeat(np.arange(len(o) - 1), np.diff(o)) for o in offsets]
+    return np.concatenate([np.zeros(0, np.int64), *vertices])
 
 
 def num_vertices_of(groups: list[PointGroup]) -> int:
@@ -851,24 +852,19 @@ class VertexBlocks(Solver):
                 f'ordering="vertices", got {interactions.ordering!r}.'
             )
         self._take_points(interactions)
-        # contacts and joints are renewed on all ranks, of which some may have none
-        renewed = interactions.renewals > 0
-        if not renewed or not interactions.largest(len(interactions.passing)):
-            return self._move(interactions, velocity, options)(self._all)
-        if interactions.halo is None:
-            from xper_fx.nscd.splitting.touching_clusters import TouchingClusters as Clusters
-        else:
-            from xper_fx.nscd.splitting.shared_clusters import SharedClusters as Clusters
+        move = self._move(interactions, velocity, options)
+        if not interactions.touches:
+            return move(self._all)
+        from xper_fx.nscd.splitting.touching_clusters import take_turns
 
         if self._loose is None:
             from xper_fx.nscd.splitting.loose_vertices import LooseVertices
 
-            groups = interactions.permanent
+            groups, inverse = interactions.permanent, interactions.inverse
             self._loose = LooseVertices(
-                groups, vertex_of_points(groups), len(self._all), interactions.inverse
+                groups, vertex_of_points(groups), len(self._all), inverse
             )
-        move = self._move(interactions, velocity, options)
-        return Clusters(interactions, self._loose, velocity, move, options).solve(self._all)
+        return take_turns(interactions, self._loose, velocity, move, options, self._all)
 
     def _take_points(self, interactions: Interactions) -> None:
         """Make what is kept of vertices, or make it anew where points have gone or moved."""
@@ -928,14 +924,14 @@ class VertexBlocks(Solver):
 
     def saved(self, interactions: Interactions) -> dict[str, dict[str, np.ndarray]]:
         """Inverses of vertices and the slopes they are made for."""
-        blocks = self._blocks
-        if blocks is None:
+        if self._blocks is None:
             return {}
-        return {"vertex_blocks": {"inverse": blocks.inverse, "slope": blocks.slope}}
+        self._take_points(interactions)  # lips may have parted since
+        return {"vertex_blocks": {"inverse": self._blocks.inverse, "slope": self._blocks.slope}}
 
     def restore(self, interactions: Interactions, saved: Mapping[str, Mapping]) -> None:
         """Take what `saved` gave."""
         if "vertex_blocks" in saved:
             held = saved["vertex_blocks"]
-            blocks = self._blocks = build(interactions)
-            blocks.inverse[:], blocks.slope[:] = held["inverse"], held["slope"]
+            self._take_points(interactions)
+            self._blocks.inverse[:], self._blocks.slope[:] = held["inverse"], held["slope"]

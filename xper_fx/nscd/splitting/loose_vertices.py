@@ -46,16 +46,15 @@ class LooseVertices:
         inverse: BodyInverse,
     ):
         count, ground = inverse.num_slots, inverse.num_nodes
-        slots = np.concatenate([g.points.nodes[:, :, 0] for g in groups])
-        keys = np.unique(vertex.astype(np.int64)[:, None] * count + slots)
-        keys = keys[keys % count != ground]
+        slots = [np.zeros((0, 2), np.int64), *(g.points.nodes[:, :, 0] for g in groups)]
+        keys = np.unique(vertex.astype(np.int64)[:, None] * count + np.concatenate(slots))
+        keys = keys[keys % count != ground]  # it moves with no vertex
         offsets = np.searchsorted(keys, np.arange(num_vertices + 1) * count)
         corner = (keys % count).astype(np.int32)
         diagonal = inverse if inverse.diagonal else inverse.diagonal_of_nodes()
         self.graphs = Corners(offsets, corner, compliance_of_slots(diagonal))
         self.whole = np.zeros(num_vertices, bool)
-        self.clusters = (np.arange(len(corner)) - np.repeat(offsets[:-1], np.diff(offsets))).astype(
-            np.int16
-        )
+        first = np.repeat(offsets[:-1], np.diff(offsets))
+        self.clusters = (np.arange(len(corner)) - first).astype(np.int16)
         self.vertex_of_slot = np.full(count, -1, np.int32)
         self.vertex_of_slot[corner] = keys // count

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Contacts beside vertices that split, where ranks divide both.
+"""Contacts beside vertices that are solved alone, where ranks divide both.
 
 A vertex is on the rank of the first of its bodies, a contact on that of one of its two bodies, and
 a cluster of cells may be touched by contacts of several ranks. Turns are those of
@@ -45,13 +45,13 @@ class SharedClusters(TouchingClusters):
     def __init__(
         self,
         interactions: Interactions,
-        vertices: FusedPoints | LooseVertices,
+        at: FusedPoints | LooseVertices,
         velocity: np.ndarray,
         move: Callable[[np.ndarray], SolveReport],
         options: SolveOptions,
     ):
         self._halo = halo = interactions.halo
-        super().__init__(interactions, vertices, velocity, move, options)
+        super().__init__(interactions, at, velocity, move, options)
         self._nodes = super()._touched_slots()
         count, own = len(self._velocity), interactions.own_inverse.num_nodes
         first = halo.ranks.before(own)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-r"""Contacts that a search has found between cells whose vertices move as one.
+r"""Contacts that a search has found between cells whose vertices are solved alone.
 
-A contact c has nodes of several vertices, each of which moves with its cluster. With H_cr the sum
+A contact c has nodes of several vertices, each of which moves with its cluster: the cells that rigid
+bonds join there, or its own cell alone where bonds are not rigid. With H_cr the sum
 of the signed weights of those of its nodes that move with cluster r, and M_r the mass of r,
 
     u_c = sum_r H_cr v_r,    W_cc = sum_r H_cr^2 / M_r,    v_r += H_cr p_c / M_r.
@@ -106,7 +107,7 @@ class TouchingClusters:
 
     Args:
         interactions: points after `begin_step`, contacts among them.
-        vertices: those that there are.
+        at: the vertices.
         velocity: shape (num_slots * dim,), free velocities of the cells (m/s), which change.
         move: solves the vertices of given numbers from the velocities of their corners.
         options: of the solver.
@@ -115,17 +116,17 @@ class TouchingClusters:
     def __init__(
         self,
         interactions: Interactions,
-        vertices: FusedPoints | LooseVertices,
+        at: FusedPoints | LooseVertices,
         velocity: np.ndarray,
         move: Callable[[np.ndarray], SolveReport],
         options: SolveOptions,
     ):
         self._interactions, self._options, self._move = interactions, options, move
-        self._groups, self._at, graphs = interactions.passing, vertices, vertices.graphs
+        self._groups, self._at, graphs = interactions.passing, at, at.graphs
         self._velocity = velocity.reshape(-1, interactions.dim)
         self._free = self._velocity.copy()
         self._touched = self._touched_slots()
-        touched = np.unique(vertices.vertex_of_slot[self._touched])
+        touched = np.unique(at.vertex_of_slot[self._touched])
         self._vertices = touched[touched >= 0]
         self._moved = np.union1d(self._touched, graphs.corners_of(self._vertices))
         self._first_rigid = interactions.bulk_inverse.num_nodes
@@ -278,6 +279,26 @@ class TouchingClusters:
         total = max(total, rounded * (self._rounding / self._options.tolerance) ** 2)
         relative = np.sqrt(changed / total) if total > 0.0 else np.sqrt(changed)
         return float(relative), float(np.sqrt(largest) / self._interactions.step_size)
+
+
+def take_turns(
+    interactions: Interactions,
+    at: FusedPoints | LooseVertices,
+    velocity: np.ndarray,
+    move: Callable[[np.ndarray], SolveReport],
+    options: SolveOptions,
+    vertices: np.ndarray,
+) -> SolveReport:
+    """Let contacts and vertices take turns, over all ranks.
+
+    Args:
+        interactions, at, velocity, move, options: as of `TouchingClusters`.
+        vertices: numbers of all.
+    """
+    Clusters = TouchingClusters
+    if interactions.halo is not None:
+        from xper_fx.nscd.splitting.shared_clusters import SharedClusters as Clusters
+    return Clusters(interactions, at, velocity, move, options).solve(vertices)
 
 
 @njit(**LEAN_ENTRY)
