@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Explicit bulks with bonds that weaken: vertices are solved alone, and take turns with contacts."""
+"""Vertices of an explicit bulk whose bonds weaken take turns with contacts."""
 
 from __future__ import annotations
 

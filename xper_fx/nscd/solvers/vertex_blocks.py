@@ -861,9 +861,7 @@ class VertexBlocks(Solver):
             from xper_fx.nscd.splitting.loose_vertices import LooseVertices
 
             groups, inverse = interactions.permanent, interactions.inverse
-            self._loose = LooseVertices(
-                groups, vertex_of_points(groups), len(self._all), inverse
-            )
+            self._loose = LooseVertices(groups, vertex_of_points(groups), len(self._all), inverse)
         return take_turns(interactions, self._loose, velocity, move, options, self._all)
 
     def _take_points(self, interactions: Interactions) -> None:

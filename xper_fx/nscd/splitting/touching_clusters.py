@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 r"""Contacts that a search has found between cells whose vertices are solved alone.
 
-A contact c has nodes of several vertices, each of which moves with its cluster: the cells that rigid
-bonds join there, or its own cell alone where bonds are not rigid. With H_cr the sum
-of the signed weights of those of its nodes that move with cluster r, and M_r the mass of r,
+A contact c has nodes of several vertices, each of which moves with its cluster: the cells that
+rigid bonds join there, or its own cell alone where bonds are not rigid. With H_cr the sum of the
+signed weights of those of its nodes that move with cluster r, and M_r the mass of r,
 
     u_c = sum_r H_cr v_r,    W_cc = sum_r H_cr^2 / M_r,    v_r += H_cr p_c / M_r.
 
@@ -42,7 +42,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -55,8 +55,10 @@ from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.solvers.solver import SolveOptions, SolveReport
-from xper_fx.nscd.splitting.fused_points import FusedPoints
-from xper_fx.nscd.splitting.loose_vertices import LooseVertices
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.splitting.fused_points import FusedPoints
+    from xper_fx.nscd.splitting.loose_vertices import LooseVertices
 
 # Share of the tolerance to which contacts are swept between turns of the vertices, and how often
 # at most: mixing is quicker than many sweeps.
