@@ -57,7 +57,7 @@ from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
 from xper_fx.support.threads import in_ranges, worth_taking
 
 if TYPE_CHECKING:
-    from xper_fx.nscd.splitting.loose_vertices import LooseVertices
+    from xper_fx.nscd.touching.loose_vertices import LooseVertices
 
 # Largest number of unknowns of a vertex whose inverse is kept (18 kB).
 _NEWTON_DOFS = 48
@@ -831,7 +831,7 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
 class VertexBlocks(Solver):
     """One small problem a mesh vertex, for an explicit bulk with nodal points.
 
-    Vertices that contacts touch, and these, take turns (`splitting/touching_clusters.py`).
+    Vertices that contacts touch, and these, take turns (`touching/touching_clusters.py`).
     """
 
     name = "vertex_blocks"
@@ -855,10 +855,10 @@ class VertexBlocks(Solver):
         move = self._move(interactions, velocity, options)
         if not interactions.touches:
             return move(self._all)
-        from xper_fx.nscd.splitting.touching_clusters import take_turns
+        from xper_fx.nscd.touching.touching_clusters import take_turns
 
         if self._loose is None:
-            from xper_fx.nscd.splitting.loose_vertices import LooseVertices
+            from xper_fx.nscd.touching.loose_vertices import LooseVertices
 
             groups, inverse = interactions.permanent, interactions.inverse
             self._loose = LooseVertices(groups, vertex_of_points(groups), len(self._all), inverse)
@@ -893,7 +893,7 @@ class VertexBlocks(Solver):
             if vertices is everywhere:
                 free[:] = velocity
             else:
-                corners = self._loose.graphs.corners_of(vertices)
+                corners = self._loose.corners.of(vertices)
                 free.reshape(-1, dim)[corners] = velocity.reshape(-1, dim)[corners]
             kernel = _solve_kernel(
                 tuple(g.kernels for g in interactions.permanent), dim, _unknowns(interactions),

@@ -58,7 +58,7 @@ from xper_fx.nscd.solvers.solver import SolveOptions, SolveReport
 
 if TYPE_CHECKING:
     from xper_fx.nscd.splitting.fused_points import FusedPoints
-    from xper_fx.nscd.splitting.loose_vertices import LooseVertices
+    from xper_fx.nscd.touching.loose_vertices import LooseVertices
 
 # Share of the tolerance to which contacts are swept between turns of the vertices, and how often
 # at most: mixing is quicker than many sweeps.
@@ -124,17 +124,17 @@ class TouchingClusters:
         options: SolveOptions,
     ):
         self._interactions, self._options, self._move = interactions, options, move
-        self._groups, self._at, graphs = interactions.passing, at, at.graphs
+        self._groups, self._at, self._corners = interactions.passing, at, at.corners
         self._velocity = velocity.reshape(-1, interactions.dim)
         self._free = self._velocity.copy()
         self._touched = self._touched_slots()
         touched = np.unique(at.vertex_of_slot[self._touched])
         self._vertices = touched[touched >= 0]
-        self._moved = np.union1d(self._touched, graphs.corners_of(self._vertices))
+        self._moved = np.union1d(self._touched, self._corners.of(self._vertices))
         self._first_rigid = interactions.bulk_inverse.num_nodes
         self._rigid_w = interactions.rigid_blocks
         self._root = np.arange(len(self._velocity), dtype=np.int32)
-        self._mobility = graphs.compliance.copy()
+        self._mobility = self._corners.compliance.copy()
         self._swept = [SweptContacts.of(g) for g in self._groups]
         # where contacts here have rigid bodies, blocks of these, and the first of their places
         self._turned = [contacts.turned for contacts in self._swept]
@@ -213,7 +213,7 @@ class TouchingClusters:
     def _push(self, slots: np.ndarray) -> None:
         """Let the impulses of contacts act on free cells, at some slots, and on rigid bodies."""
         impulses = self._impulses_on_slots()
-        pushed = self._at.graphs.compliance[slots] * impulses[slots]
+        pushed = self._corners.compliance[slots] * impulses[slots]
         self._velocity[slots] = self._free[slots] + pushed
         count = len(self._rigid_w)
         if count:
@@ -223,9 +223,10 @@ class TouchingClusters:
 
     def _find_clusters(self) -> None:
         """Take what moves as one now; the compliances of contacts follow."""
-        at, graphs = self._at, self._at.graphs
-        corners = graphs.corner_offsets, graphs.corner, graphs.compliance
-        _take_clusters(self._vertices, at.whole, at.clusters, corners, self._root, self._mobility)
+        _take_clusters(
+            self._vertices, self._at.whole, self._at.clusters, self._corners, self._root,
+            self._mobility,
+        )  # fmt: skip
         self._take_compliances(self._root, self._mobility)
 
     def _take_compliances(self, root: np.ndarray, mobility: np.ndarray) -> None:
@@ -299,19 +300,19 @@ def take_turns(
     """
     Clusters = TouchingClusters
     if interactions.halo is not None:
-        from xper_fx.nscd.splitting.shared_clusters import SharedClusters as Clusters
+        from xper_fx.nscd.touching.shared_clusters import SharedClusters as Clusters
     return Clusters(interactions, at, velocity, move, options).solve(vertices)
 
 
 @njit(**LEAN_ENTRY)
 def _take_clusters(vertices, whole, clusters, corners, root, mobility):
     """Slot for the cluster of each corner of some vertices, and one over the cluster's mass."""
-    dim, (offsets, corner, compliance) = mobility.shape[1], corners
+    dim, (offsets, slot, compliance) = mobility.shape[1], corners
     for b in vertices:
         first, last = offsets[b], offsets[b + 1]
         for c in range(first, last):
             cluster = 0 if whole[b] else clusters[c]
-            root[corner[c]] = corner[first + cluster]
+            root[slot[c]] = slot[first + cluster]
             if c != first + cluster:
                 continue
             for d in range(dim):
@@ -319,8 +320,8 @@ def _take_clusters(vertices, whole, clusters, corners, root, mobility):
                 for other in range(first, last):
                     if whole[b] or clusters[other] == cluster:
                         # what is driven has no compliance, and infinite mass
-                        mass += 1.0 / compliance[corner[other], d]
-                mobility[corner[c], d] = 1.0 / mass
+                        mass += 1.0 / compliance[slot[other], d]
+                mobility[slot[c], d] = 1.0 / mass
 
 
 @njit(inline="always")

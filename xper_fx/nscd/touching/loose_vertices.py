@@ -3,25 +3,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.point_group import PointGroup
-from xper_fx.nscd.splitting.vertex_graphs import compliance_of_slots, slots_of_corners
-
-
-class Corners(NamedTuple):
-    """The corners of vertices, as `VertexGraphs` has them."""
-
-    corner_offsets: np.ndarray  #: shape (num_vertices + 1,), first corner of each vertex
-    corner: np.ndarray  #: shape (num_corners,), slot of each
-    compliance: np.ndarray  #: shape (num_slots, dim), 1 / m of each slot, zero where it is driven
-
-    def corners_of(self, vertices: np.ndarray) -> np.ndarray:
-        """Slots of the corners of some vertices, the ground's left out."""
-        return slots_of_corners(self, vertices)
+from xper_fx.nscd.touching.corners import Corners
 
 
 class LooseVertices:
@@ -34,7 +20,7 @@ class LooseVertices:
         inverse: one block a node.
 
     Attributes:
-        graphs: corners.
+        corners: of the vertices.
         whole, clusters, vertex_of_slot: as of `FusedPoints`.
     """
 
@@ -51,8 +37,7 @@ class LooseVertices:
         keys = keys[keys % count != ground]  # it moves with no vertex
         offsets = np.searchsorted(keys, np.arange(num_vertices + 1) * count)
         corner = (keys % count).astype(np.int32)
-        diagonal = inverse if inverse.diagonal else inverse.diagonal_of_nodes()
-        self.graphs = Corners(offsets, corner, compliance_of_slots(diagonal))
+        self.corners = Corners(offsets, corner, inverse.compliance_of_slots())
         self.whole = np.zeros(num_vertices, bool)
         first = np.repeat(offsets[:-1], np.diff(offsets))
         self.clusters = (np.arange(len(corner)) - first).astype(np.int16)

@@ -31,11 +31,11 @@ from xper_fx.nscd.couplings import Couplings
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.solvers.solver import SolveOptions, SolveReport
-from xper_fx.nscd.splitting.touching_clusters import SweptContacts, TouchingClusters
+from xper_fx.nscd.touching.touching_clusters import SweptContacts, TouchingClusters
 
 if TYPE_CHECKING:
     from xper_fx.nscd.splitting.fused_points import FusedPoints
-    from xper_fx.nscd.splitting.loose_vertices import LooseVertices
+    from xper_fx.nscd.touching.loose_vertices import LooseVertices
 
 
 class SharedClusters(TouchingClusters):
