@@ -277,7 +277,7 @@ class Grouping:
         # in the scene's order first: who retires together leaves no trace in the order of visit
         kept = kept[np.argsort(group.indices[kept])]
         blocks = self._blocks_of(group.points, kept)
-        ordering = order_points(blocks, len(self._still))
+        ordering = self._ordered(blocks, len(self._still), group.indices[kept])
         kept = kept[ordering.order]
         points = group.points.take(kept)
         arrays = {

@@ -87,6 +87,19 @@ class BodyInverse:
         data = self.data.reshape(-1, self.dim * self.dim)[:, places].ravel()
         return BodyInverse(self.dim, nodes, data, nodes * self.dim, diagonal=True)
 
+    def compliance_of_slots(self) -> np.ndarray:
+        """Of one block a node, the largest compliance of each in all directions not driven.
+
+        Returns:
+            Shape (num_slots, dim), m/s per N s; zero in directions that are driven.
+        """
+        diagonal = self if self.diagonal else self.diagonal_of_nodes()
+        compliance = diagonal.data.reshape(-1, self.dim)
+        most = compliance.max(axis=1, keepdims=True)
+        if np.all((compliance == most) | (compliance == 0.0)):
+            return compliance
+        return np.where(compliance > 0.0, most, 0.0)
+
     @classmethod
     def from_blocks(cls, blocks: list[np.ndarray], dim: int) -> BodyInverse:
         """From dense blocks of any sizes (each a multiple of dim)."""

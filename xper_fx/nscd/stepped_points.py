@@ -386,6 +386,12 @@ class SteppedPoints(PointValues):
         """The groups of all points that are not permanent."""
         return self.joints + self.contacts + self.rolling
 
+    @property
+    def touches(self) -> bool:
+        """Whether contacts or joints act on some rank in this step; all ranks ask together."""
+        # they are renewed on all ranks, of which some may have none
+        return self.renewals > 0 and self.largest(len(self.passing)) > 0
+
     def impulse_energy_norm(self, free: np.ndarray, velocity: np.ndarray) -> tuple[float, float]:
         """|w H r| of the present impulses in the norm of the kinetic energy, and its rounding.
 

@@ -30,7 +30,6 @@ from xper_fx.simulation.one_system import takes_one_system
 from xper_fx.simulation.options import Options
 from xper_fx.simulation.permanent_points import ScenePoints
 from xper_fx.simulation.shared_motions import (
-    bonds_split,
     condenses,
     share_motions,
 )
@@ -126,10 +125,7 @@ class Model:
             self.bulk, self.bodies, scene.initial_velocity, self.step_size, options.inertia
         )
         searched = any(contact.law is not None for contact in scene.contacts)
-        self.by_vertex = (
-            options.scheme == "explicit" and scene.points == "nodal"
-            and (bonds_split(scene) or not searched and self.rigid is None)
-        )  # fmt: skip
+        self.by_vertex = options.scheme == "explicit" and scene.points == "nodal"
         self.points = ScenePoints(scene, self.bulk, ties, self.part, self.by_vertex)
         self.detection = self._detection() if searched else None
         self._laws = (self.points if self.detection is None else self.detection).laws

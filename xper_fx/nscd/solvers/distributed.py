@@ -11,7 +11,7 @@ bodies are judged by velocities, as there: the points that two ranks share are v
 another like all others, so that what is summed is the same violation. Where vertices are
 solved alone (`vertex_blocks.py`, `splitting/`) each is on one rank: velocities go to the ghosts
 before, and back after, once a step. Where contacts touch vertices that split, ranks exchange what
-moves as one in each turn besides (`splitting/shared_clusters.py`).
+moves as one in each turn besides (`touching/shared_clusters.py`).
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -55,6 +55,9 @@ from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import frame_from_normal
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
 from xper_fx.support.threads import in_ranges, worth_taking
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.touching.loose_vertices import LooseVertices
 
 # Largest number of unknowns of a vertex whose inverse is kept (18 kB).
 _NEWTON_DOFS = 48
@@ -121,7 +124,7 @@ class _Blocks(NamedTuple):
 
 def _unknowns(interactions: Interactions) -> int:
     """Unknowns of a point: most components that a law of the scene has."""
-    return max(g.kernels.components for g in interactions.groups)
+    return max(g.kernels.components for g in interactions.permanent)
 
 
 def _frame(group: PointGroup, unknowns: int) -> np.ndarray:
@@ -148,34 +151,45 @@ def _set_identities(inverse, offsets, sizes):
                 inverse[offsets[b] + j * (sizes[b] + 1)] = 1.0
 
 
-def _vertices(interactions: Interactions) -> np.ndarray:
-    """The vertex of each point, group by group."""
-    offsets = [g.ordering.tile_offsets for g in interactions.groups]
-    return np.concatenate([np.repeat(np.arange(len(o) - 1), np.diff(o)) for o in offsets])
+def vertex_of_points(groups: list[PointGroup]) -> np.ndarray:
+    """The vertex of each point, group by group, of groups that are ordered by vertices."""
+    offsets = [g.ordering.tile_offsets for g in groups]
+    vertices = [np.repeat(np.arange(len(o) - 1), np.diff(o)) for o in offsets]
+    return np.concatenate([np.zeros(0, np.int64), *vertices])
 
 
-def _directed(interactions: Interactions, vertex: np.ndarray) -> np.ndarray:
+def num_vertices_of(groups: list[PointGroup]) -> int:
+    """Vertices of groups that are ordered by these, such as have lost their points included."""
+    return len(groups[0].ordering.tile_offsets) - 1
+
+
+def _directed(interactions: Interactions, vertex: np.ndarray, count: int) -> np.ndarray:
     """Whether a vertex has a node whose w, (dim, dim), is not the same in all directions."""
     dim = interactions.dim
-    w = interactions.groups[0].couplings.w.reshape(-1, dim, dim)
-    node = np.concatenate([g.couplings.start for g in interactions.groups])[:, :, 0] // dim
+    w = interactions.permanent[0].couplings.w.reshape(-1, dim, dim)
+    node = np.concatenate([g.couplings.start for g in interactions.permanent])[:, :, 0] // dim
     same = w[:, :1, :1] * np.eye(dim)
-    return np.bincount(vertex, (w != same).any(axis=(1, 2))[node].any(axis=1)) > 0
+    return np.bincount(vertex, (w != same).any(axis=(1, 2))[node].any(axis=1), count) > 0
 
 
-def build(interactions: Interactions) -> _Blocks:
-    """The vertices' arrays of a scene."""
-    unknowns, groups = _unknowns(interactions), interactions.groups
-    vertex = _vertices(interactions)
+def build(interactions: Interactions, before: _Blocks | None = None) -> _Blocks:
+    """The vertices' arrays of a scene.
+
+    Args:
+        before: those of the same vertices when they had other points or slots; the inverses of
+            vertices with as many points are kept.
+    """
+    unknowns, groups = _unknowns(interactions), interactions.permanent
+    vertex = vertex_of_points(groups)
     order = np.argsort(vertex, kind="stable")
 
     def gathered(arrays):
         return np.concatenate(arrays)[order] if len(groups) > 1 else arrays[0]
 
-    counts = np.bincount(vertex)
+    counts = np.bincount(vertex, minlength=num_vertices_of(groups))
     dofs = counts * unknowns
     kept = np.where(dofs <= _NEWTON_DOFS, dofs**2, 0)
-    total, widest = len(vertex), int(counts.max())
+    total, widest = len(vertex), int(counts.max(initial=0))
     diagonal = {1: [0], 2: [0, 2], 3: [0, 3, 5]}
     trace = np.concatenate(
         [g.compliance[:, diagonal[g.kernels.components]].sum(axis=1) for g in groups]
@@ -183,8 +197,14 @@ def build(interactions: Interactions) -> _Blocks:
     squared = np.divide(1.0, trace**2, out=np.zeros(total), where=trace > 0.0)
     offsets = np.concatenate([[0], np.cumsum(counts)])
     inverse_offsets = np.concatenate([[0], np.cumsum(kept)])
-    inverse = np.zeros(inverse_offsets[-1])
+    inverse, slope = np.zeros(inverse_offsets[-1]), np.zeros((total, unknowns, unknowns))
     _set_identities(inverse, inverse_offsets, dofs)
+    if before is not None:
+        same = np.diff(before.offsets) == counts
+        inverse[np.repeat(same, kept)] = before.inverse[
+            np.repeat(same, np.diff(before.inverse_offsets))
+        ]
+        slope[np.repeat(same, counts)] = before.slope[np.repeat(same, np.diff(before.offsets))]
     frame = np.ascontiguousarray(gathered([_frame(g, unknowns) for g in groups]))
     return _Blocks(
         offsets=offsets,
@@ -195,10 +215,10 @@ def build(interactions: Interactions) -> _Blocks:
         inverse=inverse,
         inverse_offsets=inverse_offsets,
         lines=np.zeros(widest * unknowns**2),
-        slope=np.zeros((total, unknowns, unknowns)),
-        rounding=np.bincount(vertex[order], squared),
+        slope=slope,
+        rounding=np.bincount(vertex[order], squared, len(counts)),
         tilt=np.zeros((widest if interactions.turns else 0, *frame.shape[1:])),
-        directed=_directed(interactions, vertex),
+        directed=_directed(interactions, vertex, len(counts)),
         free=np.zeros(0),
     )
 
@@ -630,7 +650,7 @@ def _chain(laws: tuple[LawKernels, ...], dim: int, unknowns: int, alone: bool, t
 
 @cache
 def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: bool):
-    """A range of vertices: `solve(first, last, v, groups, ratio, ..., speed, blocks)`.
+    """A range of some vertices: `solve(first, last, vertices, v, groups, ..., speed, blocks)`.
 
     `v` are the free velocities at first, and `blocks.free` a copy of them. Returns the most sweeps
     of a vertex, the largest squared relative error and change of a traction, and how many vertices
@@ -777,12 +797,25 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
 
     @njit(fastmath={"contract"}, nogil=True, **LEAN_ENTRY)
     def solve_range(
-        first, last, v, groups, ratio, step, theta, tolerance, max_sweeps, relax, speed, blocks
+        first,
+        last,
+        vertices,
+        v,
+        groups,
+        ratio,
+        step,
+        theta,
+        tolerance,
+        max_sweeps,
+        relax,
+        speed,
+        blocks,
     ):
         sweeps, residual, traction, failed = 0, 0.0, 0.0, 0
-        for b in range(first, last):
-            if b + 1 < last:
-                fetch(blocks, groups[0][1].w, v, b + 1)
+        for n in range(first, last):
+            b = vertices[n]
+            if n + 1 < last:
+                fetch(blocks, groups[0][1].w, v, vertices[n + 1])
             begin_all(b, v, groups, ratio, step, theta)
             count, error, largest, converged = solve_vertex(
                 b, v, blocks, groups, tolerance, max_sweeps, relax, speed
@@ -796,12 +829,18 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
 
 
 class VertexBlocks(Solver):
-    """One small problem a mesh vertex, for an explicit bulk with nodal points."""
+    """One small problem a mesh vertex, for an explicit bulk with nodal points.
+
+    Vertices that contacts touch, and these, take turns (`touching/touching_clusters.py`).
+    """
 
     name = "vertex_blocks"
 
     def __init__(self) -> None:
         self._blocks: _Blocks | None = None
+        self._all = np.zeros(0, np.int32)
+        self._loose: LooseVertices | None = None
+        self._halo: object = None
 
     def solve(
         self, interactions: Interactions, velocity: np.ndarray, options: SolveOptions
@@ -812,44 +851,70 @@ class VertexBlocks(Solver):
                 "Vertex by vertex, points should be ordered so: build Interactions with "
                 f'ordering="vertices", got {interactions.ordering!r}.'
             )
-        if not len(interactions):
-            return SolveReport(True, 0, 0.0, 0.0)
-        if self._blocks is None:
-            self._blocks = build(interactions)
-        blocks = self._blocks
+        self._take_points(interactions)
+        move = self._move(interactions, velocity, options)
+        if not interactions.touches:
+            return move(self._all)
+        from xper_fx.nscd.touching.touching_clusters import take_turns
+
+        if self._loose is None:
+            from xper_fx.nscd.touching.loose_vertices import LooseVertices
+
+            groups, inverse = interactions.permanent, interactions.inverse
+            self._loose = LooseVertices(groups, vertex_of_points(groups), len(self._all), inverse)
+        return take_turns(interactions, self._loose, velocity, move, options, self._all)
+
+    def _take_points(self, interactions: Interactions) -> None:
+        """Make what is kept of vertices, or make it anew where points have gone or moved."""
+        groups, blocks = interactions.permanent, self._blocks
+        count = sum(map(len, groups))
+        if blocks is not None and blocks.offsets[-1] == count and self._halo is interactions.halo:
+            return
+        self._halo, self._loose = interactions.halo, None
+        if groups:
+            self._blocks = build(interactions, blocks)
+            self._all = np.arange(num_vertices_of(groups), dtype=np.int32)
+
+    def _move(
+        self, interactions: Interactions, velocity: np.ndarray, options: SolveOptions
+    ) -> Callable[[np.ndarray], SolveReport]:
+        """What solves some vertices, from the velocities of their corners."""
         groups = tuple(
             (g.ordering.tile_offsets, Couplings(*g.couplings[:7]), g.law_arrays(), g.inverse_area)
-            for g in interactions.groups
+            for g in interactions.permanent
         )
-        kernel = _solve_kernel(
-            tuple(g.kernels for g in interactions.groups),
-            interactions.dim,
-            _unknowns(interactions),
-            interactions.turns,
-        )
-        num_vertices, free = len(blocks.rounding), velocity.copy()
-        threads = worth_taking(num_vertices, _MANY, options.num_threads)
-        found = in_ranges(
-            kernel,
-            num_vertices,
-            velocity,
-            groups,
-            interactions.step_ratio,
-            interactions.step_size,
-            interactions.theta,
-            options.tolerance,
-            options.max_sweeps,
-            options.relaxation,
-            max(velocity.max(), -velocity.min(), _TINY),
-            spaces=[blocks.for_thread(free) for _ in range(threads)],
-        )
-        sweeps, residual, traction, failed = zip(*found, strict=True)
-        return SolveReport(
-            not any(failed),
-            max(sweeps),
-            np.sqrt(max(residual)),
-            np.sqrt(max(traction)) / interactions.step_size,
-        )
+        free = velocity.copy()
+        speed = max(velocity.max(initial=_TINY), -velocity.min(initial=-_TINY))
+        dim, blocks, everywhere = interactions.dim, self._blocks, self._all
+
+        def move(vertices: np.ndarray) -> SolveReport:
+            if not len(vertices):
+                return SolveReport(True, 0, 0.0, 0.0)
+            if vertices is everywhere:
+                free[:] = velocity
+            else:
+                corners = self._loose.corners.of(vertices)
+                free.reshape(-1, dim)[corners] = velocity.reshape(-1, dim)[corners]
+            kernel = _solve_kernel(
+                tuple(g.kernels for g in interactions.permanent), dim, _unknowns(interactions),
+                interactions.turns,
+            )  # fmt: skip
+            threads = worth_taking(len(vertices), _MANY, options.num_threads)
+            found = in_ranges(
+                kernel, len(vertices), vertices, velocity, groups, interactions.step_ratio,
+                interactions.step_size, interactions.theta, options.tolerance, options.max_sweeps,
+                options.relaxation, speed,
+                spaces=[blocks.for_thread(free) for _ in range(threads)],
+            )  # fmt: skip
+            sweeps, residual, traction, failed = zip(*found, strict=True)
+            return SolveReport(
+                not any(failed),
+                max(sweeps),
+                np.sqrt(max(residual)),
+                np.sqrt(max(traction)) / interactions.step_size,
+            )
+
+        return move
 
     def kept(self) -> list[object]:
         """The vertices' arrays."""
@@ -857,14 +922,14 @@ class VertexBlocks(Solver):
 
     def saved(self, interactions: Interactions) -> dict[str, dict[str, np.ndarray]]:
         """Inverses of vertices and the slopes they are made for."""
-        blocks = self._blocks
-        if blocks is None:
+        if self._blocks is None:
             return {}
-        return {"vertex_blocks": {"inverse": blocks.inverse, "slope": blocks.slope}}
+        self._take_points(interactions)  # lips may have parted since
+        return {"vertex_blocks": {"inverse": self._blocks.inverse, "slope": self._blocks.slope}}
 
     def restore(self, interactions: Interactions, saved: Mapping[str, Mapping]) -> None:
         """Take what `saved` gave."""
         if "vertex_blocks" in saved:
             held = saved["vertex_blocks"]
-            blocks = self._blocks = build(interactions)
-            blocks.inverse[:], blocks.slope[:] = held["inverse"], held["slope"]
+            self._take_points(interactions)
+            self._blocks.inverse[:], self._blocks.slope[:] = held["inverse"], held["slope"]

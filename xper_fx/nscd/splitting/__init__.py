@@ -10,7 +10,6 @@ bonds_of_laws           its bonds, law by law
 whole_vertices          vertices that are whole
 split_vertices          vertices that are not
 turning_vertices        what they do at finite strain
-touching_clusters       contacts that a search has found between cells of such vertices
 splitting_vertices      the solver beside an explicit bulk
 strength_of_vertices    what whole vertices bear, for `bulk/breaking_vertices.py`
 """

@@ -14,7 +14,8 @@ from xper_fx.nscd.laws.law import Law
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import InteractionPoints
 from xper_fx.nscd.splitting.growing import GrowingGroup
-from xper_fx.nscd.splitting.vertex_graphs import compliance_of_slots, vertex_graphs
+from xper_fx.nscd.splitting.vertex_graphs import vertex_graphs
+from xper_fx.nscd.touching.corners import Corners
 
 if TYPE_CHECKING:
     from xper_fx.nscd.turning_frames import LipMotion
@@ -91,6 +92,12 @@ class FusedPoints:
         if len(other):
             self.wake(other.astype(np.int32))
 
+    @property
+    def corners(self) -> Corners:
+        """What contacts know of the vertices."""
+        graphs = self.graphs
+        return Corners(graphs.corner_offsets, graphs.corner, graphs.compliance)
+
     @cached_property
     def clusters(self) -> np.ndarray:
         """See the class."""
@@ -142,7 +149,7 @@ class FusedPoints:
         impulses[slots[corner]] = self.impulses[corner]
         self.impulses = impulses
         self.graphs = self.graphs._replace(
-            corner=slots[corner].astype(corner.dtype), compliance=compliance_of_slots(inverse)
+            corner=slots[corner].astype(corner.dtype), compliance=inverse.compliance_of_slots()
         )
         self.__dict__.pop("vertex_of_slot", None)
         if self._lips is not None:

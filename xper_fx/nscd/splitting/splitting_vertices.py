@@ -53,21 +53,17 @@ class SplittingVertices(Solver):
         if self._work is None:
             self._work = vertex_work(graphs, interactions.dim)
             self._all = np.arange(graphs.num_vertices, dtype=np.int32)
-        # contacts and joints are renewed on all ranks, of which some may have none
-        renewed = interactions.renewals > 0
-        self._touching = renewed and interactions.largest(len(interactions.passing)) > 0
+        self._touching = interactions.touches
         interactions.fused.impulses = np.zeros((interactions.inverse.num_slots, interactions.dim))
         move = partial(self._move, interactions, velocity, options)
         if not self._touching:
             report = move(self._all)
             interactions.evolve(velocity)  # vertices have; it tells whether some have gone too far
             return report
-        if interactions.halo is None:
-            from xper_fx.nscd.splitting.touching_clusters import TouchingClusters as Clusters
-        else:
-            from xper_fx.nscd.splitting.shared_clusters import SharedClusters as Clusters
+        from xper_fx.nscd.touching.touching_clusters import take_turns
 
-        return Clusters(interactions, velocity, move, options).solve(self._all)
+        fused = interactions.fused
+        return take_turns(interactions, fused, velocity, move, options, self._all)
 
     def _move(
         self,

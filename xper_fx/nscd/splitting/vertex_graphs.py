@@ -58,13 +58,6 @@ class VertexGraphs(NamedTuple):
         """How many there are."""
         return len(self.bond_offsets) - 1
 
-    def corners_of(self, vertices: np.ndarray) -> np.ndarray:
-        """Slots of the corners of some vertices, the ground's left out."""
-        first, last = self.corner_offsets[vertices], self.corner_offsets[vertices + 1]
-        ends = np.cumsum(last - first)
-        slots = self.corner[np.repeat(last - ends, last - first) + np.arange(ends[-1:].sum())]
-        return slots[slots < len(self.compliance) - 1]
-
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""
@@ -98,7 +91,7 @@ def vertex_graphs(
     corner_offsets = np.searchsorted(corners, np.arange(count + 1) * inverse.num_slots)
     local = sides.reshape(-1, 2) - corner_offsets[at][:, None]
     corner = (corners % inverse.num_slots).astype(np.int32)
-    compliance = compliance_of_slots(inverse)
+    compliance = inverse.compliance_of_slots()
     driven = np.any(compliance[corner] == 0.0, axis=1)
     mass = np.divide(1.0, compliance[corner, 0], out=np.zeros(len(corner)), where=~driven)
     first = corner_offsets[:-1]
@@ -127,22 +120,6 @@ def vertex_graphs(
         easy=np.where(through_all, 4.0, 2.0) * weakest / np.sqrt(counts),
         **ways,
     )
-
-
-def compliance_of_slots(inverse: BodyInverse) -> np.ndarray:
-    """The largest compliance of each slot in all directions that are not driven.
-
-    Args:
-        inverse: one block a node, of which it holds the diagonal.
-
-    Returns:
-        Shape (num_slots, dim), see `VertexGraphs`.
-    """
-    compliance = inverse.data.reshape(-1, inverse.dim)
-    most = compliance.max(axis=1, keepdims=True)
-    if np.all((compliance == most) | (compliance == 0.0)):
-        return compliance
-    return np.where(compliance > 0.0, most, 0.0)
 
 
 def _one_ring_through_all(corners, offsets, ends) -> np.ndarray:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-r"""Contacts that a search has found between cells whose vertices move as one.
+r"""Contacts that a search has found between cells whose vertices are solved alone.
 
-A contact c has nodes of several vertices, each of which moves with its cluster. With H_cr the sum
-of the signed weights of those of its nodes that move with cluster r, and M_r the mass of r,
+A contact c has nodes of several vertices, each of which moves with its cluster: the cells that
+rigid bonds join there, or its own cell alone where bonds are not rigid. With H_cr the sum of the
+signed weights of those of its nodes that move with cluster r, and M_r the mass of r,
 
     u_c = sum_r H_cr v_r,    W_cc = sum_r H_cr^2 / M_r,    v_r += H_cr p_c / M_r.
 
@@ -41,7 +42,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -54,6 +55,10 @@ from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.solvers.solver import SolveOptions, SolveReport
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.splitting.fused_points import FusedPoints
+    from xper_fx.nscd.touching.loose_vertices import LooseVertices
 
 # Share of the tolerance to which contacts are swept between turns of the vertices, and how often
 # at most: mixing is quicker than many sweeps.
@@ -104,6 +109,7 @@ class TouchingClusters:
 
     Args:
         interactions: points after `begin_step`, contacts among them.
+        at: the vertices.
         velocity: shape (num_slots * dim,), free velocities of the cells (m/s), which change.
         move: solves the vertices of given numbers from the velocities of their corners.
         options: of the solver.
@@ -112,23 +118,23 @@ class TouchingClusters:
     def __init__(
         self,
         interactions: Interactions,
+        at: FusedPoints | LooseVertices,
         velocity: np.ndarray,
         move: Callable[[np.ndarray], SolveReport],
         options: SolveOptions,
     ):
         self._interactions, self._options, self._move = interactions, options, move
-        self._groups, fused = interactions.passing, interactions.fused
-        self._fused, graphs = fused, fused.graphs
+        self._groups, self._at, self._corners = interactions.passing, at, at.corners
         self._velocity = velocity.reshape(-1, interactions.dim)
         self._free = self._velocity.copy()
         self._touched = self._touched_slots()
-        vertices = np.unique(fused.vertex_of_slot[self._touched])
-        self._vertices = vertices[vertices >= 0]
-        self._moved = np.union1d(self._touched, graphs.corners_of(self._vertices))
+        touched = np.unique(at.vertex_of_slot[self._touched])
+        self._vertices = touched[touched >= 0]
+        self._moved = np.union1d(self._touched, self._corners.of(self._vertices))
         self._first_rigid = interactions.bulk_inverse.num_nodes
         self._rigid_w = interactions.rigid_blocks
         self._root = np.arange(len(self._velocity), dtype=np.int32)
-        self._mobility = graphs.compliance.copy()
+        self._mobility = self._corners.compliance.copy()
         self._swept = [SweptContacts.of(g) for g in self._groups]
         # where contacts here have rigid bodies, blocks of these, and the first of their places
         self._turned = [contacts.turned for contacts in self._swept]
@@ -207,7 +213,7 @@ class TouchingClusters:
     def _push(self, slots: np.ndarray) -> None:
         """Let the impulses of contacts act on free cells, at some slots, and on rigid bodies."""
         impulses = self._impulses_on_slots()
-        pushed = self._fused.graphs.compliance[slots] * impulses[slots]
+        pushed = self._corners.compliance[slots] * impulses[slots]
         self._velocity[slots] = self._free[slots] + pushed
         count = len(self._rigid_w)
         if count:
@@ -217,10 +223,10 @@ class TouchingClusters:
 
     def _find_clusters(self) -> None:
         """Take what moves as one now; the compliances of contacts follow."""
-        fused = self._fused
         _take_clusters(
-            self._vertices, fused.whole, fused.clusters, fused.graphs, self._root, self._mobility
-        )
+            self._vertices, self._at.whole, self._at.clusters, self._corners, self._root,
+            self._mobility,
+        )  # fmt: skip
         self._take_compliances(self._root, self._mobility)
 
     def _take_compliances(self, root: np.ndarray, mobility: np.ndarray) -> None:
@@ -278,15 +284,35 @@ class TouchingClusters:
         return float(relative), float(np.sqrt(largest) / self._interactions.step_size)
 
 
+def take_turns(
+    interactions: Interactions,
+    at: FusedPoints | LooseVertices,
+    velocity: np.ndarray,
+    move: Callable[[np.ndarray], SolveReport],
+    options: SolveOptions,
+    vertices: np.ndarray,
+) -> SolveReport:
+    """Let contacts and vertices take turns, over all ranks.
+
+    Args:
+        interactions, at, velocity, move, options: as of `TouchingClusters`.
+        vertices: numbers of all.
+    """
+    Clusters = TouchingClusters
+    if interactions.halo is not None:
+        from xper_fx.nscd.touching.shared_clusters import SharedClusters as Clusters
+    return Clusters(interactions, at, velocity, move, options).solve(vertices)
+
+
 @njit(**LEAN_ENTRY)
-def _take_clusters(vertices, whole, clusters, g, root, mobility):
+def _take_clusters(vertices, whole, clusters, corners, root, mobility):
     """Slot for the cluster of each corner of some vertices, and one over the cluster's mass."""
-    dim = mobility.shape[1]
+    dim, (offsets, slot, compliance) = mobility.shape[1], corners
     for b in vertices:
-        first, last = g.corner_offsets[b], g.corner_offsets[b + 1]
+        first, last = offsets[b], offsets[b + 1]
         for c in range(first, last):
             cluster = 0 if whole[b] else clusters[c]
-            root[g.corner[c]] = g.corner[first + cluster]
+            root[slot[c]] = slot[first + cluster]
             if c != first + cluster:
                 continue
             for d in range(dim):
@@ -294,8 +320,8 @@ def _take_clusters(vertices, whole, clusters, g, root, mobility):
                 for other in range(first, last):
                     if whole[b] or clusters[other] == cluster:
                         # what is driven has no compliance, and infinite mass
-                        mass += 1.0 / g.compliance[g.corner[other], d]
-                mobility[g.corner[c], d] = 1.0 / mass
+                        mass += 1.0 / compliance[slot[other], d]
+                mobility[slot[c], d] = 1.0 / mass
 
 
 @njit(inline="always")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Contacts beside vertices that split, where ranks divide both.
+"""Contacts beside vertices that are solved alone, where ranks divide both.
 
 A vertex is on the rank of the first of its bodies, a contact on that of one of its two bodies, and
 a cluster of cells may be touched by contacts of several ranks. Turns are those of
@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import chain
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,7 +31,11 @@ from xper_fx.nscd.couplings import Couplings
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.solvers.solver import SolveOptions, SolveReport
-from xper_fx.nscd.splitting.touching_clusters import SweptContacts, TouchingClusters
+from xper_fx.nscd.touching.touching_clusters import SweptContacts, TouchingClusters
+
+if TYPE_CHECKING:
+    from xper_fx.nscd.splitting.fused_points import FusedPoints
+    from xper_fx.nscd.touching.loose_vertices import LooseVertices
 
 
 class SharedClusters(TouchingClusters):
@@ -43,12 +48,13 @@ class SharedClusters(TouchingClusters):
     def __init__(
         self,
         interactions: Interactions,
+        at: FusedPoints | LooseVertices,
         velocity: np.ndarray,
         move: Callable[[np.ndarray], SolveReport],
         options: SolveOptions,
     ):
         self._halo = halo = interactions.halo
-        super().__init__(interactions, velocity, move, options)
+        super().__init__(interactions, at, velocity, move, options)
         self._nodes = super()._touched_slots()
         count, own = len(self._velocity), interactions.own_inverse.num_nodes
         first = halo.ranks.before(own)

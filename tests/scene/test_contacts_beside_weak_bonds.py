@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Vertices of an explicit bulk whose bonds weaken take turns with contacts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import box_bodies
+from test_rigid_bodies_on_splitting import ELASTIC, LAW, PLATES, momentum_of, strikers
+
+import xper_fx as xf
+from xper_fx.nscd.kernel_calls import make_call
+from xper_fx.nscd.solvers.solver import Solver
+from xper_fx.nscd.solvers.sweeps import prepare_sweep
+from xper_fx.nscd.solvers.vertex_blocks import VertexBlocks
+
+TOLERANCE = 1e-9
+in_both = pytest.mark.parametrize("dim", [2, 3])
+
+
+class Watched(Solver):
+    """A solver, and what the laws still ask for at all points once it has ended."""
+
+    name = "auto"
+
+    def __init__(self, solver):
+        self._solver, self.left = solver, []
+
+    def solve(self, interactions, velocity, options):
+        report = self._solver.solve(interactions, velocity, options)
+        if report.converged:
+            kept = [g.impulse.copy() for g in interactions.groups]
+            sweep = prepare_sweep(interactions, velocity.copy(), options)
+            for number in range(len(sweep.calls)):
+                make_call(sweep.calls, number)
+            for g, impulse in zip(interactions.groups, kept, strict=True):
+                g.impulse[:] = impulse
+            changed, total = sweep.stats[:, :2].sum(axis=0)
+            self.left.append((changed / total) ** 0.5 if total > 0.0 else 0.0)
+        return report
+
+
+def struck(dim, strength, **options):
+    """A plate that a ball and a box strike, and whose pieces may strike each other."""
+    kind, lengths, cells = PLATES[dim]
+    scene = xf.Scene(
+        box_bodies(lengths, cells, kind), {1: ELASTIC},
+        default_interaction=xf.laws.CohesiveZone(300.0, fracture_energy=1e-6, strength=strength),
+        rigid=strikers(dim, 0.3), surfaces={"plate": (1,)},
+        contacts=[
+            xf.Contact(pair, LAW)
+            for pair in (("thrown", "plate"), ("plate", "plate"), ("thrown", "thrown"))
+        ],
+    )  # fmt: skip
+    return xf.Simulation(scene, scheme="explicit", tolerance=TOLERANCE, num_threads=1, **options)
+
+
+@in_both
+def test_all_laws_hold_where_a_plate_breaks(dim):
+    simulation = struck(dim, 5e-3)
+    assert isinstance(simulation.solver, VertexBlocks)
+    watched = simulation._attempts.solver = Watched(simulation.solver)
+    before, held = momentum_of(simulation), simulation.ledger.energies.kinetic
+    pushing = 0
+    for _ in simulation.steps(0.5):
+        pushing = max(pushing, sum(map(len, simulation.interactions.contacts)))
+        assert abs(simulation.ledger.closure) < 1e-12 * held
+    assert max(watched.left) < TOLERANCE
+    assert momentum_of(simulation) == pytest.approx(before, abs=1e-12 * np.abs(before).max())
+    e = simulation.ledger.energies
+    assert pushing >= 20
+    assert e.dissipated_cohesion > 1e-5
+    assert e.dissipated_friction > 1e-3
+    assert e.dissipated_impact > 1e-3
+
+
+def test_a_run_whose_lips_have_parted_is_taken_up_to_the_bit():
+    whole = struck(2, 5e-3)
+    points = len(whole.interactions)
+    while sum(map(len, whole.interactions.permanent)) == points:
+        next(whole.steps(1.0))
+    again = struck(2, 5e-3)
+    again.restore(whole.saved_in_order())
+    end = whole.time + 10 * whole.step_size
+    for simulation in (whole, again):
+        list(simulation.steps(end))
+    assert sum(map(len, whole.interactions.permanent)) < points
+    assert np.array_equal(whole.state.velocity, again.state.velocity)
+    assert np.array_equal(whole.rigid.state.velocity, again.rigid.state.velocity)
