@@ -91,10 +91,10 @@ class DistributedSweeps(Solver):
             error = change
             if change > ROUNDING:
                 error *= amplification(np.array(changes))
-            if error > tolerance and (
-                change > tolerance or not bodies.rest(velocity, changed, changes, tolerance)
-            ):
-                continue
+            if error > tolerance:
+                if change > tolerance or not bodies.rest(velocity, changed, changes, tolerance):
+                    continue
+                error = change  # what steady changes amplify is no error
             halo.everywhere.forward(velocity)
             evolved, largest = interactions.evolve_and_compare(velocity, sweep.largest_change())
             if evolved <= tolerance:
