@@ -53,9 +53,9 @@ def ending(law: LawKernels, sides: Sides):
 def step_loops(law: LawKernels, sides: Sides):
     """The loops of a law's `prepare` and `commit` over ranges of the points p, `PointArrays`.
 
-    Gaps of facets at which a law knows impacts, and no bond, count as smaller by what rounding may
-    leave of zero: else it would decide which points of bodies that touch take an impact. Contacts
-    of rigid bodies may have an area of 1, which says nothing of a width.
+    Gaps of facets at which a law knows impacts, and no bond holds, count as smaller by what
+    rounding may leave of zero: else it would decide which points of bodies that touch take an
+    impact. Contacts of rigid bodies may have an area of 1, which says nothing of a width.
 
     The second goes over ranges of chunks, which have a row each in `sums`, for each of the law's
     energies (J; 2D: J/m).
@@ -65,8 +65,8 @@ def step_loops(law: LawKernels, sides: Sides):
     row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
     subtract, power = algebra.subtract, 1.0 / (sides.dim - 1)
     normal = (_TOUCHING, 0.0, 0.0)[: sides.components]
-    touching = "pushed" in law.state_names and "cohesion" not in law.energies
-    touching = touching and not sides.lever_arms
+    touching = "pushed" in law.state_names and not sides.lever_arms
+    may_hold, holds = law.holds is not None, law.holds
     prepare, end, energies = law.prepare, ending(law, sides), len(law.energies)
     may_rest = law.rigid is not None and law.rigid.rests is not None
     rests = law.rigid.rests if may_rest else None
@@ -75,7 +75,7 @@ def step_loops(law: LawKernels, sides: Sides):
     def prepare_range(first, last, p, step, theta):
         for i in range(first, last):
             jump = row(p.jump, i)
-            if touching:
+            if touching and not (may_hold and holds(i, p.parameters, p.state)):
                 jump = subtract(jump, scale(p.area[i] ** power, normal))
             prepare(
                 i, jump, row(p.velocity, i), p.compliance, p.area[i], step, theta,

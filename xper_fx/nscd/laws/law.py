@@ -90,8 +90,8 @@ ALL_ENERGIES = (*ENERGIES, "viscous")  # of a law that has viscous work besides
 LawKernels = namedtuple(
     "LawKernels",
     "name effects components prepare solve commit num_terms energies evolve num_details "
-    "state_names growth spent stored no_jump rigid coulomb rolling cost slips",
-    defaults=(None, 0, (), None, None, None, False, None, None, None, None, False),
+    "state_names growth spent stored no_jump rigid coulomb rolling cost slips holds",
+    defaults=(None, 0, (), None, None, None, False, None, None, None, None, False, None),
 )
 
 

@@ -38,6 +38,9 @@ _MESHED, _RIGID = (4, 4), (1, 8)
 _PLAIN = 3
 # Growth of what a sweep changes, over the least so far, at which mixing starts again.
 _GROWTH = 3.0
+# What a sweep changes, over the tolerance, beyond which sweeps whose fourth changes nothing go to and
+# fro.
+_TO_AND_FRO = 10.0
 # Sweeps after which |w H r| is looked at again.
 _CHECK_EVERY = 8
 
@@ -111,6 +114,10 @@ class AcceleratedSweeps(Solver):
             first = first or scale
             if error <= tolerance and scale > RUNAWAY * first:
                 break
+            if error <= tolerance and every > 1:
+                moved = np.sqrt(interactions.total(sweep.stats[:, 0].sum()))
+                if moved > _TO_AND_FRO * tolerance * scale:
+                    break
             if error <= tolerance:
                 interactions.refresh_ghosts(velocity)
                 if interactions.evolve(velocity) <= tolerance:
