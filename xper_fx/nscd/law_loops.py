@@ -50,12 +50,32 @@ def ending(law: LawKernels, sides: Sides):
 
 
 @cache
-def step_loops(law: LawKernels, sides: Sides):
-    """The loops of a law's `prepare` and `commit` over ranges of the points p, `PointArrays`.
+def preparing(law: LawKernels, dim: int, lever_arms: bool = False):
+    """A law's `prepare`, of points between facets, or with lever arms on rigid bodies.
 
     Gaps of facets at which a law knows impacts, and no bond holds, count as smaller by what
     rounding may leave of zero: else it would decide which points of bodies that touch take an
     impact. Contacts of rigid bodies may have an area of 1, which says nothing of a width.
+    """
+    whole, may_hold, holds = law.prepare, law.holds is not None, law.holds
+    if "pushed" not in law.state_names or lever_arms:
+        return whole
+    algebra = for_dimension(dim, law.components)
+    subtract, scale, power = algebra.subtract, algebra.scale, 1.0 / (dim - 1)
+    normal = (_TOUCHING, 0.0, 0.0)[: law.components]
+
+    @njit(**MERGED)
+    def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
+        if not (may_hold and holds(i, parameters, state)):
+            jump = subtract(jump, scale(area**power, normal))
+        whole(i, jump, velocity, w, area, step, theta, parameters, state, terms, details)
+
+    return prepare
+
+
+@cache
+def step_loops(law: LawKernels, sides: Sides):
+    """The loops of a law's `prepare` and `commit` over ranges of the points p, `PointArrays`.
 
     The second goes over ranges of chunks, which have a row each in `sums`, for each of the law's
     energies (J; 2D: J/m).
@@ -63,22 +83,16 @@ def step_loops(law: LawKernels, sides: Sides):
     read = point_velocity(sides)
     algebra = for_dimension(sides.dim, sides.components)
     row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
-    subtract, power = algebra.subtract, 1.0 / (sides.dim - 1)
-    normal = (_TOUCHING, 0.0, 0.0)[: sides.components]
-    touching = "pushed" in law.state_names and not sides.lever_arms
-    may_hold, holds = law.holds is not None, law.holds
-    prepare, end, energies = law.prepare, ending(law, sides), len(law.energies)
+    prepare = preparing(law, sides.dim, sides.lever_arms)
+    end, energies = ending(law, sides), len(law.energies)
     may_rest = law.rigid is not None and law.rigid.rests is not None
     rests = law.rigid.rests if may_rest else None
 
     @njit(nogil=True, **LEAN_ENTRY)
     def prepare_range(first, last, p, step, theta):
         for i in range(first, last):
-            jump = row(p.jump, i)
-            if touching and not (may_hold and holds(i, p.parameters, p.state)):
-                jump = subtract(jump, scale(p.area[i] ** power, normal))
             prepare(
-                i, jump, row(p.velocity, i), p.compliance, p.area[i], step, theta,
+                i, row(p.jump, i), row(p.velocity, i), p.compliance, p.area[i], step, theta,
                 p.parameters, p.state, p.terms, p.details,
             )  # fmt: skip
 

@@ -50,6 +50,7 @@ from xper_fx.nscd.couplings import (
 )
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER, MERGED
+from xper_fx.nscd.law_loops import preparing
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import frame_from_normal
@@ -271,7 +272,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
     add_world, scale_world = world.add, world.scale
     sides = Sides(dim, components, 1)
     read, push = point_velocity(sides), point_impulse(sides, Blocks(dim, aligned=True))
-    solve, prepare = law.solve, law.prepare
+    solve, prepare = law.solve, preparing(law, dim)
     kernel = _MERGED if alone else _KERNEL
     turns = turns and components == dim
     to_start, to_now = algebra.to_local, algebra.to_global
