@@ -15,8 +15,8 @@ far, points have changed branch: what was remembered is forgotten, and plain swe
 best impulses known.
 
 **When it stops.** By the same bound as `nlgs.py`; the error is estimated from f times the ratio
-|dr| / |df| of the step that mixing made, and at least f. Contacts of rigid bodies are judged by
-velocities as there.
+|dr| / |df| of the step that mixing made, and at least f. Sweeps give up that lead to and fro, f
+being that of several. Contacts of rigid bodies are judged by velocities as there.
 
 Ranks that share points sweep together and sum their scalar products; each mixes its own impulses.
 """
@@ -38,8 +38,8 @@ _MESHED, _RIGID = (4, 4), (1, 8)
 _PLAIN = 3
 # Growth of what a sweep changes, over the least so far, at which mixing starts again.
 _GROWTH = 3.0
-# What a sweep changes, over the tolerance, beyond which sweeps whose fourth changes nothing go to and
-# fro.
+# What one sweep changes, over the tolerance, beyond which sweeps go to and fro that change nothing
+# together.
 _TO_AND_FRO = 10.0
 # Sweeps after which |w H r| is looked at again.
 _CHECK_EVERY = 8
