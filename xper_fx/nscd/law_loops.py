@@ -50,27 +50,27 @@ def ending(law: LawKernels, sides: Sides):
 
 
 @cache
-def preparing(law: LawKernels, dim: int, lever_arms: bool = False):
-    """A law's `prepare`, of points between facets, or with lever arms on rigid bodies.
+def jump_to_prepare(law: LawKernels, dim: int, lever_arms: bool = False):
+    """Kernel that gives the jump that a law's `prepare` takes for that of point i.
 
     Gaps of facets at which a law knows impacts, and no bond holds, count as smaller by what
     rounding may leave of zero: else it would decide which points of bodies that touch take an
-    impact. Contacts of rigid bodies may have an area of 1, which says nothing of a width.
+    impact. Contacts of rigid bodies, with lever arms, may have an area of 1, which says nothing of
+    a width.
     """
-    whole, may_hold, holds = law.prepare, law.holds is not None, law.holds
-    if "pushed" not in law.state_names or lever_arms:
-        return whole
     algebra = for_dimension(dim, law.components)
     subtract, scale, power = algebra.subtract, algebra.scale, 1.0 / (dim - 1)
     normal = (_TOUCHING, 0.0, 0.0)[: law.components]
+    may_touch = "pushed" in law.state_names and not lever_arms
+    may_hold, holds = law.holds is not None, law.holds
 
     @njit(**MERGED)
-    def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
-        if not (may_hold and holds(i, parameters, state)):
-            jump = subtract(jump, scale(area**power, normal))
-        whole(i, jump, velocity, w, area, step, theta, parameters, state, terms, details)
+    def touch(i, jump, area, parameters, state):
+        if may_touch and not (may_hold and holds(i, parameters, state)):
+            return subtract(jump, scale(area**power, normal))
+        return jump
 
-    return prepare
+    return touch
 
 
 @cache
@@ -83,7 +83,7 @@ def step_loops(law: LawKernels, sides: Sides):
     read = point_velocity(sides)
     algebra = for_dimension(sides.dim, sides.components)
     row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
-    prepare = preparing(law, sides.dim, sides.lever_arms)
+    prepare, touch = law.prepare, jump_to_prepare(law, sides.dim, sides.lever_arms)
     end, energies = ending(law, sides), len(law.energies)
     may_rest = law.rigid is not None and law.rigid.rests is not None
     rests = law.rigid.rests if may_rest else None
@@ -91,8 +91,9 @@ def step_loops(law: LawKernels, sides: Sides):
     @njit(nogil=True, **LEAN_ENTRY)
     def prepare_range(first, last, p, step, theta):
         for i in range(first, last):
+            jump = touch(i, row(p.jump, i), p.area[i], p.parameters, p.state)
             prepare(
-                i, row(p.jump, i), row(p.velocity, i), p.compliance, p.area[i], step, theta,
+                i, jump, row(p.velocity, i), p.compliance, p.area[i], step, theta,
                 p.parameters, p.state, p.terms, p.details,
             )  # fmt: skip
 
