@@ -9,7 +9,9 @@ from point_mass import PointMass
 
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws import (
+    MohrCoulomb,
     PerfectBond,
+    RigidCohesiveZone,
     SignoriniCoulomb,
     SlipWeakening,
     StribeckFriction,
@@ -95,13 +97,16 @@ def test_what_pushed_stays_closed_where_a_solver_lifts_it():
 
 
 @pytest.mark.parametrize("law", [SignoriniCoulomb(0.3), SlipWeakening(0.3, 0.1, 0.2),
-                                 StribeckFriction(0.3, 0.1, 0.2)])  # fmt: skip
+                                 StribeckFriction(0.3, 0.1, 0.2), MohrCoulomb(0.3, 5.0, 0.0, 0.2),
+                                 RigidCohesiveZone(5.0, 0.1)])  # fmt: skip
 @pytest.mark.parametrize(("dim", "area"), [(2, 1e-3), (3, 1e-6)])
 def test_a_gap_of_rounding_is_closed(law, dim, area):
     """What touches takes an impact at once, on an area 1 mm wide, whatever rounding leaves open."""
     speeds = []
     for gap in (-1e-15, 1e-15, 1e-9):
         ball = PointMass(law, 2.0, np.zeros(dim), gap=gap, area=area)
+        if isinstance(law, RigidCohesiveZone):
+            ball.interactions.groups[0].state[0, :2] = 1.0, 0.0  # broken
         ball.step(1e-3, np.eye(1, dim) * -1e-3)
         speeds.append(ball.velocity[0, 0])
     np.testing.assert_allclose(speeds, [0.0, 0.0, -5e-7], atol=1e-20)

@@ -14,7 +14,7 @@ from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
 from xper_fx.nscd.laws import CohesiveZone, PerfectBond, SignoriniCoulomb
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
-from xper_fx.nscd.solvers import AcceleratedSweeps, NonlinearGaussSeidel
+from xper_fx.nscd.solvers import AcceleratedSweeps, NonlinearGaussSeidel, accelerated
 from xper_fx.nscd.solvers.sweeps import amplification
 from xper_fx.support.saved_rows import Rows
 
@@ -419,6 +419,20 @@ def test_impulses_that_are_rounding_are_not_sought(solver):
     free[:moving] = 1e3 * (1.0 + np.finfo(float).eps * rng.integers(-1, 2, moving))
     report = solve(scene, free, solver, tolerance=1e-9, num_threads=1)
     assert report.converged and report.sweeps <= 3
+
+
+def test_sweeps_that_go_to_and_fro_have_not_converged(monkeypatch):
+    """Each second one leads back to where it was: four in a row change nothing."""
+    scene, free = plate_scene(5, BOND, step=3e-10)
+
+    def turn_round(interactions, sweep, velocity):
+        impulse = interactions.groups[0].impulse
+        sweep.stats[:, 0] = 4.0 * np.vdot(impulse, impulse) / len(sweep.stats)
+        impulse *= -1.0
+
+    scene.groups[0].impulse[:] = 1.0
+    monkeypatch.setattr(accelerated, "sweep_ranks", turn_round)
+    assert not solve(scene, free, AcceleratedSweeps, tolerance=1e-9, num_threads=1).converged
 
 
 @pytest.mark.parametrize("masses", [[np.inf], [np.inf, np.inf]])

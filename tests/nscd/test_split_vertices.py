@@ -8,8 +8,9 @@ import pytest
 
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.inverse_blocks import BodyInverse
-from xper_fx.nscd.laws import RigidCohesiveZone
+from xper_fx.nscd.laws import PerfectBond, RigidCohesiveZone, SignoriniCoulomb
 from xper_fx.nscd.points import InteractionPoints, frame_from_normal
+from xper_fx.nscd.solvers import VertexBlocks
 from xper_fx.nscd.solvers.solver import SolveOptions
 from xper_fx.nscd.splitting.splitting_vertices import SplittingVertices
 
@@ -49,3 +50,26 @@ def test_velocities_are_those_of_the_impulses(bonds, tilt):
         scene.commit(v)
     assert pressed > 50 and (swept > 12 if tilt else True)
     assert off < 2e-14
+
+
+@pytest.mark.parametrize("splits", [False, True])
+def test_a_gap_of_rounding_is_closed(splits):
+    """Beside other bonds, too: what touches takes an impact at once, whatever rounding leaves."""
+    nodes = np.array([[[0], [1]], [[2], [3]]], np.int32)
+    inverse = BodyInverse.from_uniform(np.tile(np.eye(2) / MASS, (4, 1, 1)), 2)
+    laws = [SignoriniCoulomb(0.3), RigidCohesiveZone(1.0, 0.05) if splits else PerfectBond()]
+    for gap, left in ((1e-12, 0.0), (1e-5, -2e-3)):
+        points = InteractionPoints(
+            nodes, np.ones(nodes.shape), frame_from_normal(np.tile([0.0, 1.0], (2, 1))),
+            np.full(2, 0.5), np.array([gap, 0.0]),
+        )  # fmt: skip
+        scene = Interactions(
+            points, laws, np.arange(2), inverse, ordering="vertices", splits=splits
+        )
+        v = np.zeros((inverse.num_slots, 2))
+        v[:2, 1] = -1e-3, 1e-3
+        v = v.ravel()
+        scene.begin_step(STEP, 0.5)
+        solver = SplittingVertices() if splits else VertexBlocks()
+        assert solver.solve(scene, v, SolveOptions(tolerance=1e-10)).converged
+        assert v[1] - v[3] == pytest.approx(left, abs=1e-15)

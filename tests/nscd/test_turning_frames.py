@@ -334,6 +334,19 @@ def test_rounding_hangs_on_no_frame_of_an_earlier_step():
     assert layer.rounding(velocity) == found != at_start
 
 
+@pytest.mark.parametrize("name", ["segment", "triangle"])
+def test_impulses_of_rounding_press_no_lips(name):
+    """Beside the speed of both lips, which do not part."""
+    facet = Facet(name, "nodal", CohesiveZone(1e3, 0.5, 8.0, friction=0.3))
+    open_lips = np.zeros_like(facet.both)
+    open_lips[: len(facet.x)] = 0.01 * normal_of(facet.x)
+    group, together = facet.group, np.full_like(facet.both, 3.0)
+    for speed, pressed in ((1e-15, False), (1e-3, True)):
+        group.committed_impulse[:, 0] = speed / group.compliance[:, 0]
+        facet.turn(open_lips, together, 1e-3)
+        assert np.all(group.turning.by_spin == pressed)
+
+
 def test_a_facet_that_flips_is_named():
     """Lips turned by more than 90 degrees within half a step have no frame."""
     facet = Facet("segment", "nodal")

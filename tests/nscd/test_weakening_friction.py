@@ -98,6 +98,16 @@ def test_a_joint_carries_tension_up_to_the_cut_off(contact):
 
 
 @EACH
+def test_rounding_parts_no_joint(contact):
+    """One without tension is parted by an opening that is more than rounding."""
+    law = xf.laws.MohrCoulomb(MU_S, COHESION, 0.0, DISTANCE, contact=contact)
+    for opening, damage in ((1e-16, 1.0), (1e-5 * DISTANCE, 0.0)):
+        point = PointMass(law, 1.0, [opening / 1e-3, 0.0], area=AREA)
+        point.step(1e-3)
+        assert point.damage == damage
+
+
+@EACH
 def test_a_broken_joint_is_a_contact_with_its_residual_friction(contact):
     point, _, _ = slide(joint(contact=contact), 20, theta=1.0, mass=1e3)  # which does not ring
     slip = []

@@ -50,12 +50,32 @@ def ending(law: LawKernels, sides: Sides):
 
 
 @cache
+def jump_to_prepare(law: LawKernels, dim: int, lever_arms: bool = False):
+    """Kernel that gives the jump that a law's `prepare` takes for that of point i.
+
+    Gaps of facets at which a law knows impacts, and no bond holds, count as smaller by what
+    rounding may leave of zero: else it would decide which points of bodies that touch take an
+    impact. Contacts of rigid bodies, with lever arms, may have an area of 1, which says nothing of
+    a width.
+    """
+    algebra = for_dimension(dim, law.components)
+    subtract, scale, power = algebra.subtract, algebra.scale, 1.0 / (dim - 1)
+    normal = (_TOUCHING, 0.0, 0.0)[: law.components]
+    may_touch = "pushed" in law.state_names and not lever_arms
+    may_hold, holds = law.holds is not None, law.holds
+
+    @njit(**MERGED)
+    def touch(i, jump, area, parameters, state):
+        if may_touch and not (may_hold and holds(i, parameters, state)):
+            return subtract(jump, scale(area**power, normal))
+        return jump
+
+    return touch
+
+
+@cache
 def step_loops(law: LawKernels, sides: Sides):
     """The loops of a law's `prepare` and `commit` over ranges of the points p, `PointArrays`.
-
-    Gaps of facets at which a law knows impacts, and no bond, count as smaller by what rounding may
-    leave of zero: else it would decide which points of bodies that touch take an impact. Contacts
-    of rigid bodies may have an area of 1, which says nothing of a width.
 
     The second goes over ranges of chunks, which have a row each in `sums`, for each of the law's
     energies (J; 2D: J/m).
@@ -63,20 +83,15 @@ def step_loops(law: LawKernels, sides: Sides):
     read = point_velocity(sides)
     algebra = for_dimension(sides.dim, sides.components)
     row, set_row, add, scale = algebra.row, algebra.set_row, algebra.add, algebra.scale
-    subtract, power = algebra.subtract, 1.0 / (sides.dim - 1)
-    normal = (_TOUCHING, 0.0, 0.0)[: sides.components]
-    touching = "pushed" in law.state_names and "cohesion" not in law.energies
-    touching = touching and not sides.lever_arms
-    prepare, end, energies = law.prepare, ending(law, sides), len(law.energies)
+    prepare, touch = law.prepare, jump_to_prepare(law, sides.dim, sides.lever_arms)
+    end, energies = ending(law, sides), len(law.energies)
     may_rest = law.rigid is not None and law.rigid.rests is not None
     rests = law.rigid.rests if may_rest else None
 
     @njit(nogil=True, **LEAN_ENTRY)
     def prepare_range(first, last, p, step, theta):
         for i in range(first, last):
-            jump = row(p.jump, i)
-            if touching:
-                jump = subtract(jump, scale(p.area[i] ** power, normal))
+            jump = touch(i, row(p.jump, i), p.area[i], p.parameters, p.state)
             prepare(
                 i, jump, row(p.velocity, i), p.compliance, p.area[i], step, theta,
                 p.parameters, p.state, p.terms, p.details,

@@ -88,8 +88,8 @@ _STRAYED = 0.2
 _AT_A_TIME, _AHEAD = 256, 8
 # Normal opening beside the whole one below which a point counts as closed.
 _CLOSED = 1e-3
-# Difference of energies, relative, that is rounding, and speed that an impulse gives, beside that
-# of the lips.
+# Difference of energies, relative, that is rounding, and speed that an impulse gives, beside those
+# of the lips and with which they part.
 _ALIKE = 1e-12
 
 
@@ -362,8 +362,12 @@ def turn_loop(sides: Sides, width: int):
             closed = d[0] <= 0.0 or d[0] * d[0] <= _CLOSED * _CLOSED * dot_world(d, d)
             # what was pressed touches in the frame of the end, and may be open in the middle
             if not closed and pressed[i, 0] > 0.0:
-                given = pressed[i, 0] * compliance[i, 0]
-                closed = given * given > _ALIKE * _ALIKE * dot_world(rate0, rate0)
+                given, node = pressed[i, 0] * compliance[i, 0], np.uintp(c.start[i, 0, 0])
+                moves = 0.0
+                for e in range(dim):
+                    moves += motion.velocity[node + np.uintp(e)] ** 2
+                moves = max(moves, dot_world(rate0, rate0))
+                closed = given * given > _ALIKE * _ALIKE * moves
             closed = closed or (stays and turning.by_spin[i])
             by_spin = not no_jump and (closed or not turning.isotropic[i])
             turning.by_spin[i] = by_spin

@@ -50,6 +50,10 @@ takes for it. Such a run then solves bulk and interactions in one system.
 jump, that of the column "stored" after `commit`: at finite strain, where frames turn, jumps are
 read anew in each step (`nscd/turning_frames.py`). None for a law that stores nothing.
 
+`holds(i, parameters, state)`, a compiled function of laws whose points have bonds and impacts, says
+whether a bond holds point i. Where none does, a gap of rounding is closed (`law_loops.py`). None
+for a law without bonds.
+
 `no_jump` says that the law leaves no jump, so that frames that turn bring no couple.
 
 `coulomb(terms, details, parameters)`, of all points of a group after `prepare` or `evolve`, gives
@@ -90,8 +94,8 @@ ALL_ENERGIES = (*ENERGIES, "viscous")  # of a law that has viscous work besides
 LawKernels = namedtuple(
     "LawKernels",
     "name effects components prepare solve commit num_terms energies evolve num_details "
-    "state_names growth spent stored no_jump rigid coulomb rolling cost slips",
-    defaults=(None, 0, (), None, None, None, False, None, None, None, None, False),
+    "state_names growth spent stored no_jump rigid coulomb rolling cost slips holds",
+    defaults=(None, 0, (), None, None, None, False, None, None, None, None, False, None),
 )
 
 

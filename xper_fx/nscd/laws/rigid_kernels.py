@@ -145,6 +145,10 @@ def rigid_kernels(
             scaled = (w[0], c * w[1], c * w[2], c * c * w[3], c * c * w[4], c * c * w[5])
         return diagonal(1.0, 1.0 / c, sym_solve(stiffened(k_n, scaled), diagonal(1.0, c, free)))
 
+    @njit(inline="always")
+    def holds(i, parameters, state):
+        return state[i, DAMAGE] > 0.0
+
     @njit(**LEAN_INNER)
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
         scaled = step * theta
@@ -152,7 +156,7 @@ def rigid_kernels(
             z = 2.0 * jump[j] / scaled
             terms[i, start_at + j] = z
             terms[i, push + j] = z + (1.0 - theta) / theta * velocity[j]
-        broken = state[i, DAMAGE] == 0.0
+        broken = not holds(i, parameters, state)
         if broken:
             gap = jump[0] + step * (1.0 - theta) * velocity[0]
             pushed = w[i, 0] * state[i, PUSHED]
@@ -454,4 +458,5 @@ def rigid_kernels(
         spent=weakening.spent,
         stored=stored,
         rigid=RigidKernels(bears, held, insist, rest, rests),
+        holds=holds,
     )

@@ -18,6 +18,8 @@ from xper_fx.nscd.laws.law import Columns, CoulombPoints, LawKernels
 _OPENED = 1e-4
 # Speed of opening beside that of slip at which a point counts as closed while it slides.
 _CLOSED = 1e-3
+# Opening beside the slip distance that rounding and tolerances may leave of a joint that is whole.
+_LEFT = 1e-6
 # Columns of energy.
 _IMPACT, _FRICTION, _COHESION = range(3)
 
@@ -85,16 +87,21 @@ def weakening_kernels(dim: int, contact: str, joint: bool) -> WeakeningKernels:
             terms[i, pull] = held * parameters[i, tension]
             terms[i, bound] = held * parameters[i, cohesion] - friction * terms[i, pull]
 
+    @njit(inline="always")
+    def holds(i, parameters, state):
+        """Whether a bond holds the lips."""
+        if not joint or parameters[i, tension] == 0.0:
+            return False
+        return share(state[i, slipped], parameters[i, length]) > 0.0
+
     @njit(**LEAN_INNER)
     def prepare(i, jump, velocity, w, area, step, theta, parameters, state, terms, details):
         gap = jump[0] + step * (1.0 - theta) * velocity[0]
         terms[i, v_min] = -gap / (step * theta)
         f = share(state[i, slipped], parameters[i, length])
-        held = False
         if joint:
             details[i, area_time] = step * area
-            held = f > 0.0 and parameters[i, tension] > 0.0
-        if impact and not held:
+        if impact and not holds(i, parameters, state):
             last = w[i, 0] * state[i, pushed]
             terms[i, v_min] = least_speed(gap, velocity[0], step, last, parameters[i, e])
         lag = 0.0 if impact else (1.0 - theta) / theta
@@ -173,7 +180,8 @@ def weakening_kernels(dim: int, contact: str, joint: bool) -> WeakeningKernels:
             state[i, slipped] += np.sqrt(slip)
         if joint:
             lost = details[i, left] < share(details[i, start], parameters[i, length])
-            parted = lifted <= 0.0 and jump1[0] > jump0[0]
+            opened = jump1[0] > max(jump0[0], _LEFT * parameters[i, length])
+            parted = lifted <= 0.0 and opened
             if parted or (lost and details[i, left] == 0.0):
                 state[i, slipped] = max(state[i, slipped], parameters[i, length])
             state[i, damage] = share(state[i, slipped], parameters[i, length])
@@ -202,6 +210,7 @@ def weakening_kernels(dim: int, contact: str, joint: bool) -> WeakeningKernels:
         state_names=tuple(names),
         energies=("impact", "friction", "cohesion") if joint else ("impact", "friction"),
         coulomb=coulomb,
+        holds=holds if joint else None,
     )
     columns = WeakeningColumns(
         mu_s, mu_d, length, cohesion, tension, slipped, damage, pushed,

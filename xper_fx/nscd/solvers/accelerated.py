@@ -15,8 +15,8 @@ far, points have changed branch: what was remembered is forgotten, and plain swe
 best impulses known.
 
 **When it stops.** By the same bound as `nlgs.py`; the error is estimated from f times the ratio
-|dr| / |df| of the step that mixing made, and at least f. Contacts of rigid bodies are judged by
-velocities as there.
+|dr| / |df| of the step that mixing made, and at least f. Sweeps give up that lead to and fro, f
+being that of several. Contacts of rigid bodies are judged by velocities as there.
 
 Ranks that share points sweep together and sum their scalar products; each mixes its own impulses.
 """
@@ -38,6 +38,9 @@ _MESHED, _RIGID = (4, 4), (1, 8)
 _PLAIN = 3
 # Growth of what a sweep changes, over the least so far, at which mixing starts again.
 _GROWTH = 3.0
+# What one sweep changes, over the tolerance, beyond which sweeps go to and fro that change nothing
+# together.
+_TO_AND_FRO = 10.0
 # Sweeps after which |w H r| is looked at again.
 _CHECK_EVERY = 8
 
@@ -111,6 +114,10 @@ class AcceleratedSweeps(Solver):
             first = first or scale
             if error <= tolerance and scale > RUNAWAY * first:
                 break
+            if error <= tolerance and every > 1:
+                moved = np.sqrt(interactions.total(sweep.stats[:, 0].sum()))
+                if moved > _TO_AND_FRO * tolerance * scale:
+                    break
             if error <= tolerance:
                 interactions.refresh_ghosts(velocity)
                 if interactions.evolve(velocity) <= tolerance:

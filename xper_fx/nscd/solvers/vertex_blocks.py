@@ -50,6 +50,7 @@ from xper_fx.nscd.couplings import (
 )
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER, MERGED
+from xper_fx.nscd.law_loops import jump_to_prepare
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.point_group import PointGroup
 from xper_fx.nscd.points import frame_from_normal
@@ -291,7 +292,7 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
     add_world, scale_world = world.add, world.scale
     sides = Sides(dim, components, 1)
     read, push = point_velocity(sides), point_impulse(sides, Blocks(dim, aligned=True))
-    solve, prepare = law.solve, law.prepare
+    solve, prepare, touch = law.solve, law.prepare, jump_to_prepare(law, dim)
     kernel = _MERGED if alone else _KERNEL
     turns = turns and components == dim
     to_start, to_now = algebra.to_local, algebra.to_global
@@ -340,8 +341,9 @@ def _group_kernels(law: LawKernels, dim: int, unknowns: int, alone: bool, turns:
         """Constants of the step; impulses start from the last step's."""
         tiles, c, p = group[0], group[1], group[2]
         for i in points_of(tiles, b):
+            jump = touch(i, row(p.jump, i), p.area[i], p.parameters, p.state)
             prepare(
-                i, row(p.jump, i), row(p.velocity, i), p.compliance, p.area[i], step, theta,
+                i, jump, row(p.velocity, i), p.compliance, p.area[i], step, theta,
                 p.parameters, p.state, p.terms, p.details,
             )  # fmt: skip
             r = scale(ratio, row(p.committed, i))

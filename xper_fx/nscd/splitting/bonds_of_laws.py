@@ -11,6 +11,7 @@ import numpy as np
 from xper_fx.cache import njit
 from xper_fx.nscd.algebra.small import for_dimension
 from xper_fx.nscd.kernel_options import LEAN_INNER, MERGED
+from xper_fx.nscd.law_loops import jump_to_prepare
 from xper_fx.nscd.laws.law import LawKernels
 from xper_fx.nscd.splitting.holding import local_flow
 
@@ -53,6 +54,7 @@ def _kernels_of_bond(law: LawKernels, dim: int) -> _OfBond:
     to_local, to_global, world_row = algebra.to_local, algebra.to_global, world.row
     world_set = world.set_row
     solve, prepare, evolve, local = law.solve, law.prepare, law.evolve, local_flow(dim)
+    touch = jump_to_prepare(law, dim)
     rigid = law.rigid is not None
     bears_flow, held, insist, rest, _ = law.rigid if rigid else 5 * (None,)
     world_add, world_subtract = world.add, world.subtract
@@ -108,8 +110,9 @@ def _kernels_of_bond(law: LawKernels, dim: int) -> _OfBond:
             if rigid and still and sound(arrays, q, e, g, work, i):
                 rest(i, details)
                 return
+        start = touch(i, row(jump, i), area[i], parameters, state)
         prepare(
-            i, row(jump, i), row(velocity, i), compliance, area[i], step, 0.5, parameters, state,
+            i, start, row(velocity, i), compliance, area[i], step, 0.5, parameters, state,
             terms, details,
         )  # fmt: skip
 
