@@ -1,20 +1,24 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What ranks gain where bodies are divided among them anew as the load moves, by counts.
+"""What ranks gain where bodies are divided among them anew as the load moves.
 
-    mpirun -n 2 python3 benchmarks/moving_load.py [--blocks 16] [--stay] [--spread]
+    mpirun -n 2 python3 benchmarks/moving_load.py [--rows 64 --apart 0.1] [--stay] [--spread]
 
-Rows of blocks, apart from each other, fall on a wall and pile up, the lowest first. Printed are, of
-some steps, contacts and those of the rank that has most over the mean, contacts between bodies of
-two ranks, nodes of other ranks that a rank knows, and the cost of the partition
-(`xper_fx.parallel.division.cost_of_partition`); at the end how often bodies were divided, the
-processor time of all ranks, and the seconds of looks and divisions. With `--stay` bodies stay; with
-`--spread` DOLFINx spreads the mesh over the ranks.
+Rows of blocks, apart from each other, fall on a wall and pile up, the lowest first: a tall column
+of them has its load at the lower end for long, where one rank has all blocks. Printed are, of some
+steps, contacts and those of the rank that has most over the mean, contacts between bodies of two
+ranks, nodes of other ranks that a rank knows, the cost of the partition
+(`xper_fx.parallel.division.cost_of_partition`), and the processor time of a step since the last
+line, outside of messages and waits: mean of the ranks, and the busiest; at the end how often bodies
+were divided, and the same of all steps. With `--stay` bodies stay; with `--spread` DOLFINx spreads
+the mesh over the ranks.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Callable
+from functools import wraps
 
 import numpy as np
 from mpi4py import MPI
@@ -22,31 +26,75 @@ from mpi4py import MPI
 import xper_fx as xf
 from xper_fx.bodies.meshes import midpoints_of
 from xper_fx.parallel import rebalancing
+from xper_fx.parallel.exchange import Exchange
 from xper_fx.parallel.launch import run_together
 from xper_fx.support.compat import geometry_dofmap
+from xper_fx.support.ranks import Ranks
 
-GAP, SPEED, STEP = 0.02, 1.0, 4e-3
+GAP, APART, SPEED, STEP = 0.02, 0.5, 1.0, 4e-3
 
 
-def blocks(size: int, cells: int, comm: MPI.Comm) -> xf.Bodies:
-    """Blocks of size one in a square, row by row, each of 4 cells^2 triangles."""
-    count = size * cells
-    mesh = xf.crossed_rectangle((0.0, 0.0), (size, size), (count, count), comm)
+class Messages:
+    """Processor time that this rank spends in messages, where it waits for others too."""
+
+    def __init__(self):
+        self.seconds, self._within = 0.0, False
+
+        class Watched(MPI.Intracomm):
+            """A communicator whose messages are timed."""
+
+        for name in ("allgather", "alltoall", "bcast", "exscan", "gather", "Allgather",
+                     "Allgatherv", "Allreduce", "Bcast", "Gatherv", "Reduce"):  # fmt: skip
+            setattr(Watched, name, self._timed(getattr(MPI.Intracomm, name)))
+        for name in ("forward", "back", "add_back"):
+            setattr(Exchange, name, self._timed(getattr(Exchange, name)))
+        begin = Ranks.__init__
+
+        def watched(ranks: Ranks, comm: MPI.Comm) -> None:
+            begin(ranks, comm)
+            if comm.size > 1:
+                ranks.comm = Watched(comm)
+                ranks.comm.of = comm  # which is not to be freed before
+
+        Ranks.__init__ = watched
+
+    def _timed(self, call: Callable) -> Callable:
+        @wraps(call)
+        def timed(*arguments, **named):
+            if self._within:
+                return call(*arguments, **named)
+            self._within, begin = True, time.thread_time()
+            try:
+                return call(*arguments, **named)
+            finally:
+                self.seconds += time.thread_time() - begin
+                self._within = False
+
+        return timed
+
+    def work(self) -> float:
+        """Processor time of this rank so far, outside of messages (s)."""
+        return time.process_time() - self.seconds
+
+
+def blocks(columns: int, rows: int, comm: MPI.Comm) -> xf.Bodies:
+    """Blocks of size one side by side, row by row, each of 4 triangles."""
+    mesh = xf.crossed_rectangle((0.0, 0.0), (columns, rows), (columns, rows), comm)
     own = mesh.topology.index_map(2).size_local
     middle = midpoints_of(mesh.geometry.x, geometry_dofmap(mesh)[:own])
     column, row = np.floor(middle[:, :2]).astype(int).T
-    return xf.explode(mesh, size * row + column)
+    return xf.explode(mesh, columns * row + column)
 
 
-def pile(size: int, cells: int, comm: MPI.Comm) -> xf.Scene:
-    """Rows of blocks fall on a wall, each half a block above the one below it."""
-    bodies = blocks(size, cells, comm)
-    row, column = np.divmod(bodies.labels, size)
-    aside = np.random.default_rng(1).uniform(-0.04, 0.04, size**2)[bodies.labels]
+def pile(columns: int, rows: int, comm: MPI.Comm, apart: float = APART) -> xf.Scene:
+    """Rows of blocks fall on a wall, so far `apart` at the start (m)."""
+    bodies = blocks(columns, rows, comm)
+    row, column = np.divmod(bodies.labels, columns)
+    aside = np.random.default_rng(1).uniform(-0.04, 0.04, columns * rows)[bodies.labels]
     cells, geometry = geometry_dofmap(bodies.mesh), bodies.mesh.geometry
     body = np.zeros(len(geometry.x), int)
     body[cells] = bodies.body_of_cell[:, None]
-    shift = np.stack([0.1 * column + aside, GAP + 0.5 * row], axis=1)
+    shift = np.stack([0.1 * column + aside, GAP + apart * row], axis=1)
     geometry.x[:, :2] += shift[body]
     rub = xf.laws.SignoriniCoulomb(friction=0.3)
     return xf.Scene(
@@ -72,42 +120,62 @@ def counts(simulation: xf.Simulation) -> tuple[float, ...]:
 
 
 def run(
-    size: int, cells: int, steps: int, every: int, comm: MPI.Comm = MPI.COMM_SELF
+    scene: xf.Scene, steps: int, every: int, work: Callable[[], float] = time.process_time
 ) -> dict[str, np.ndarray]:
-    """Run the pile and print the counts of some steps.
+    """Run a pile and print the counts of some steps.
+
+    Args:
+        scene: the pile.
+        steps: how many.
+        every: of how many one is printed.
+        work: gives the processor time of this rank so far (s).
 
     Returns:
         After each step in which there were contacts, cost, unevenness of contacts, and how often
         bodies had been divided anew.
     """
-    simulation = xf.Simulation(
-        pile(size, cells, comm), STEP, scheme="implicit", solver="nlgs", num_threads=1
-    )
-    print("step contacts max/mean cut ghosts cost divided")
-    divided, part, began, rows = 0, simulation.part, time.process_time(), []
-    for record in simulation.steps(steps * STEP):
+    simulation = xf.Simulation(scene, STEP, scheme="implicit", solver="nlgs", num_threads=1)
+    ranks, part = simulation.ranks, simulation.part
+    print("step contacts max/mean cut ghosts cost divided ms/step,mean busiest")
+    divided, rows, spent, printed = 0, [], [], 0
+    going = simulation.steps(steps * STEP)
+    for number in range(1, steps + 1):
+        begin = work()
+        next(going)
+        spent.append(work() - begin)
         divided += simulation.part is not part
         part, balance = simulation.part, simulation.model.balance
         contacts, uneven, cut, ghosts = counts(simulation)
         cost = 1.0 if balance is None else balance.cost
         if contacts:
             rows.append((cost, uneven, divided))
-        if record.step % every == 0:
-            print(f"{record.step} {contacts} {uneven:.2f} {cut} {ghosts:.0f} {cost:.2f} {divided}")
-    spent = simulation.ranks.sum(time.process_time() - began)
+        if number % every == 0:
+            mean, most = mean_and_busiest(ranks, spent[printed:])
+            printed = number
+            print(f"{number} {contacts} {uneven:.2f} {cut} {ghosts:.0f} {cost:.2f} {divided} "
+                  f"{mean:.2f} {most:.2f}")  # fmt: skip
+    mean, most = mean_and_busiest(ranks, spent)
     share = simulation.stopwatch.seconds.get("balance of ranks", 0.0)
     cost, uneven, often = np.array(rows).T
     print(
-        f"mean cost {cost.mean():.3f}, contacts {uneven.mean():.2f} of the mean, divided "
-        f"{divided} times; {spent:.1f} s, looks and divisions {simulation.ranks.sum(share):.1f} s"
+        f"mean cost {cost.mean():.3f}, contacts {uneven.mean():.2f} of the mean, divided {divided} "
+        f"times; {mean:.2f} ms a step, {most:.2f} of the busiest, of which "
+        f"{1e3 * ranks.max(share) / steps:.2f} looks and divisions, waits included"
     )
     return {"cost": cost, "uneven": uneven, "divided": often}
 
 
+def mean_and_busiest(ranks: Ranks, spent: list[float]) -> tuple[float, float]:
+    """Mean over steps of what they took, of all ranks and of the rank that is busiest (ms)."""
+    taken = 1e3 * np.mean(spent)
+    return ranks.sum(taken) / ranks.size, ranks.max(taken)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--blocks", type=int, default=16, help="in a row")
-    parser.add_argument("--cells", type=int, default=1, help="on a side of a block")
+    parser.add_argument("--columns", type=int, default=16, help="blocks in a row")
+    parser.add_argument("--rows", type=int, default=16, help="of blocks")
+    parser.add_argument("--apart", type=float, default=APART, help="distance of rows")
     parser.add_argument("--steps", type=int, default=1500)
     parser.add_argument("--every", type=int, default=100, help="steps of which a line is printed")
     parser.add_argument("--stay", action="store_true", help="never divide anew")
@@ -115,8 +183,9 @@ def main() -> None:
     a = parser.parse_args()
     if a.stay:
         rebalancing._PRICE = np.inf
+    messages = Messages()
     comm = MPI.COMM_WORLD if a.spread else MPI.COMM_SELF
-    run(a.blocks, a.cells, a.steps, a.every, comm)
+    run(pile(a.columns, a.rows, comm, a.apart), a.steps, a.every, messages.work)
 
 
 if __name__ == "__main__":

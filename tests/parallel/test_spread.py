@@ -114,6 +114,7 @@ def test_what_does_not_fit_is_refused_on_all_ranks(folder):
             "CheckpointError: .* of another scene: its mesh was not whole on each rank, .* is",
             "ValueError: .*InitialStress",
             "ValueError: The `where` of .* holds at no node of its facets",
+            r"ValueError: ignored_facets names \[9\], which occur nowhere",
         ),
         strict=True,
     ):

@@ -26,10 +26,10 @@ pytestmark = pytest.mark.ranks
 # moved bodies change their ranks.
 SCENES = {
     2: ("split_cells", "heap", "rammed", "split_struck", "pelted", "thrown", "struck",
-        "split_boxes", "on_edge", "rubbed", "moved_tabled", "moved_pelted", "moved_split_struck"),
+        "split_boxes", "on_edge", "rubbed", "moved_sampled", "moved_pelted", "moved_split_struck"),
     3: ("turning_cells", "breaking", "boxes", "broken_boxes", "slide", "held", "refused",
         "turning_split_struck"),
-    4: ("one_end", "moved_tabled"),
+    4: ("one_end", "moved_tabled", "moved_sampled"),
 }  # fmt: skip
 runs = [(n, name) for n in SCENES for name in SCENES[n] if name not in ("held", "refused")]
 

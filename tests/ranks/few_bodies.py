@@ -173,10 +173,9 @@ def run(name: str) -> dict[str, np.ndarray]:
     assert ("several ranks" in effects) == (simulation.team.size > 1)
     found = {key: np.array(values) for key, values in history.items()}
     found["bodies"] = np.array(simulation.team.comm.allgather(simulation.bodies.num_bodies))
-    if scene.bodies.spread is None:
-        samples = DisplacementL2(100).value(simulation, None)["displacement"]
-        assert np.isfinite(samples).any()
-        found["samples"] = np.nan_to_num(samples)
+    samples = DisplacementL2(100).value(simulation, None)["displacement"]
+    assert np.isfinite(samples).any()
+    found["samples"] = np.nan_to_num(samples)
     if name.endswith("assembled"):
         problem = simulation.contact_problem()
         told = simulation.team.comm.allgather((problem.q, problem.W.data))

@@ -46,7 +46,7 @@ def run(name: str) -> dict[str, np.ndarray]:
     """A scene of `touching_bodies`, and how often its bodies were partitioned; or the pile."""
     if name == "pile":
         with patch.multiple(rebalancing, **SMALL, _PRICE=10.0):
-            return moving_load.run(6, 1, 160, 160)
+            return moving_load.run(moving_load.pile(6, 6, MPI.COMM_SELF), 160, 160)
     if name == "hinged":
         return hinged()
     if name == "again":

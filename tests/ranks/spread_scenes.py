@@ -32,6 +32,7 @@ from xper_fx.scene.fingerprint import fingerprint
 from xper_fx.scene.tie import tie_points
 from xper_fx.simulation.bulk_resolution import bulk_resolution
 from xper_fx.simulation.simulation import Simulation
+from xper_fx.study.quantities import CrackPattern, DisplacementL2
 from xper_fx.support.compat import geometry_dofmap
 
 WORLD = MPI.COMM_WORLD
@@ -49,7 +50,7 @@ def run(name: str) -> dict[str, np.ndarray]:
             history.setdefault("reaction", []).append(simulation.reaction(RIGHT))
     gather = simulation.interactions.gather
     broken = xf.output.crack_area(simulation, share=0.5)
-    found = pieces(simulation) | {"crack_area": np.array(broken)}
+    found = pieces(simulation) | studied(simulation) | {"crack_area": np.array(broken)}
     found["bulk"] = np.array(bulk_resolution(simulation) or 0.0)
     if scene.dim == 2:
         cracks = xf.output.find_cracks(simulation, inclusion=1, share=0.5)
@@ -102,6 +103,24 @@ def pieces(simulation: Simulation) -> dict[str, np.ndarray]:
     for name in meshed_scenes.PIECES:
         rows[f"piece_{name}"] = np.concatenate(everyone(getattr(found, name)))[order]
     return rows
+
+
+def studied(simulation: Simulation) -> dict[str, np.ndarray]:
+    """What a study reads of a run: displacements, and cracks beside the same ones moved aside."""
+    samples, near = DisplacementL2(300), CrackPattern(radius=0.0937)
+    near.observe(simulation, None, None)
+    told, cracks = samples.value(simulation, None), near.value(simulation, None)
+    aside = np.linspace(0.08, 0.13, simulation.scene.dim)
+    others = [cracks | {"points": cracks["points"] + share * aside} for share in (0.5, 0.7, 1.0)]
+    every = np.concatenate(scenes.COMM.allgather(cracks["points"]))
+    area = np.concatenate(scenes.COMM.allgather(cracks["area"]))
+    third = np.lexsort(every.round(9).T)[::3]
+    others.append({"points": every[third] + aside, "area": area[third]})  # whole on each rank
+    return {
+        "samples": np.nan_to_num(told["displacement"]),
+        "unlike": np.array([near.error(cracks, other) for other in others]),
+        "unlike_back": np.array([near.error(other, cracks) for other in others]),
+    }
 
 
 def held_by_dust(comm: MPI.Comm) -> float:
@@ -270,6 +289,8 @@ def wrong() -> list[str]:
     one_state = Simulation(alone, comm=MPI.COMM_SELF, **options).saved_in_order()
     scenes.COMM = WORLD
     holed_stress = xf.InitialStress(lambda x: holed(x)[0] * np.eye(2)[..., None])
+    run = Simulation(scene, **options)
+    pattern = CrackPattern(radius=0.1, ignored_facets=(9,))
     moved_nowhere = xf.PrescribedVelocity(scenes.LEFT, 0, 1.0, where=lambda x: x[0] > 5.0)
     told = []
     spread_state = Simulation(scene, **options).saved_in_order()
@@ -292,6 +313,7 @@ def wrong() -> list[str]:
         lambda: Simulation(alone, comm=MPI.COMM_SELF, **options).restore(spread_state),
         lambda: replace(scene, loads=[holed_stress]),
         lambda: replace(scene, loads=[moved_nowhere]),
+        lambda: pattern.observe(run, None, None),
     ):
         try:
             call()

@@ -9,6 +9,7 @@ import rebalanced
 import scenes
 import touching_bodies
 from asked_scenes import run_asked
+from dolfinx import fem
 from mpi4py import MPI
 from scenes import box_bodies
 from spread_scenes import bytes_held, pieces
@@ -137,6 +138,24 @@ def tabled():
     return dataclasses.replace(scene, default_interaction=bond), options, steps
 
 
+def sampled():
+    """The plates of `breaking`; strengths, frictions and velocities are DOLFINx functions."""
+    scene, options, steps = breaking()
+    mesh, beside = scene.bodies.mesh, scenes.mesh_of((3, 2), (7, 5))
+    spaces = (mesh, ("DG", 0)), (mesh, ("P", 1)), (beside, ("P", 1, (2,)))
+    strong, rough, fast = (fem.Function(fem.functionspace(*space)) for space in spaces)
+    strong.interpolate(strength)
+    rough.interpolate(lambda x: 0.2 + 0.02 * x[0])
+    fast.interpolate(scene.initial_velocity[1])
+    bond = CohesiveZone(2e4, 0.05, strong, friction=rough)
+    velocity = scene.initial_velocity | {1: fast}
+    return (
+        dataclasses.replace(scene, default_interaction=bond, initial_velocity=velocity),
+        options,
+        steps,
+    )
+
+
 def thrown():
     """A disc leaves the block beside it and flies into another one, far from the first."""
     scene = Scene(
@@ -159,7 +178,7 @@ def rubbed():
 
 OWN = (
     rubbed, broken_boxes, split_boxes, thrown, split_cells, turning_cells, breaking, one_end,
-    split_struck, turning_split_struck, on_edge, tabled,
+    split_struck, turning_split_struck, on_edge, tabled, sampled,
 )  # fmt: skip
 SCENES = {f.__name__: f for f in OWN}
 SCENES |= {

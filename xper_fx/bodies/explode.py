@@ -22,7 +22,6 @@ from dolfinx.fem import FunctionSpace
 from dolfinx.mesh import Mesh, MeshTags, meshtags
 
 from xper_fx.bodies.meshes import (
-    SerialOnlyError,
     cell_measure,
     check_mesh,
     facet_cells,
@@ -192,18 +191,6 @@ class Bodies:
         """
         lower = self.parent_cell[self.facets.cells].min(axis=1, initial=self.spread.num_cells)
         return np.lexsort((lower, self.facet_places()[0]))
-
-    def require_whole(self, what: str) -> None:
-        """Raise a SerialOnlyError if the mesh is spread over ranks.
-
-        Args:
-            what: needs all bodies on each rank.
-        """
-        if self.spread is not None:
-            raise SerialOnlyError(
-                f"{what} takes a mesh that is whole on each rank, and this one is spread over "
-                f"{self.spread.ranks.size} ranks: build it on MPI.COMM_SELF."
-            )
 
     def facing_nodes(self, V: FunctionSpace) -> npt.NDArray[np.int32]:
         """Return the nodes of V on both sides of each facing facet, matched in space.

@@ -17,11 +17,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from xper_fx.bodies.function_values import is_function, named
 from xper_fx.bodies.meshes import facet_cells, facet_geometry_nodes
 from xper_fx.nscd.laws.parameters import Values
 from xper_fx.support.compat import geometry_dofmap
 
 if TYPE_CHECKING:
+    from dolfinx.fem import Function
+
     from xper_fx.bodies.explode import Bodies
     from xper_fx.scene.scene import Scene
     from xper_fx.support.ranks import Ranks
@@ -42,6 +45,7 @@ class _Read(NamedTuple):
     places: np.ndarray | None
     bodies: Bodies | None
     arrays: list[dict]  # what is described of arrays over facets that this rank knows
+    functions: list[tuple[dict, int]]  # likewise of DOLFINx functions, and of whose meshes
 
 
 def fingerprint(scene: Scene, times: Sequence[float], **more: Any) -> dict:
@@ -55,7 +59,7 @@ def fingerprint(scene: Scene, times: Sequence[float], **more: Any) -> dict:
     Returns:
         Nested dictionaries and lists of what JSON has.
     """
-    read = _Read(times, _places(scene.bodies), scene.bodies, [])
+    read = _Read(times, _places(scene.bodies), scene.bodies, [], [])
     out = {f.name: _described(getattr(scene, f.name), read) for f in fields(scene)
            if f.name not in _APART}  # fmt: skip
     if scene.bodies is not None:
@@ -65,6 +69,7 @@ def fingerprint(scene: Scene, times: Sequence[float], **more: Any) -> dict:
     out |= {name: _described(value, read) for name, value in more.items()}
     if scene.bodies is not None and scene.bodies.spread is not None:
         _add_up(read.arrays, scene.bodies.spread.ranks)
+        _forget_parts(read.functions, scene.bodies.spread.ranks)
     return json.loads(json.dumps(out))
 
 
@@ -111,6 +116,8 @@ def _described(value: Any, read: _Read, within: tuple[int, ...] = ()) -> Any:
     if isinstance(value, Values) and read.bodies is not None and read.bodies.spread is not None:
         read.arrays.append({"type": "Values", "values": _share(value.values, read.bodies)})
         return read.arrays[-1]
+    if is_function(value):
+        return _of_dolfinx(value, read)
     own = {f.name for f in fields(value)} if is_dataclass(value) else getattr(value, "__dict__", {})
     out = {
         name: _described(getattr(value, name), read, within)
@@ -135,10 +142,6 @@ def _content(kernel: Any) -> str:
 def _function(function: Callable[..., Any], read: _Read) -> dict:
     """A function of time or of positions by its values, to 12 digits; any other by its name."""
     name = {"function": getattr(function, "__qualname__", type(function).__name__)}
-    space = getattr(function, "function_space", None)
-    if space is not None:  # of DOLFINx; each rank has its own values where its mesh is spread
-        alone = space.mesh.comm.size == 1
-        return {"values": _digest(function.x.array.tobytes())} if alone else name
     given: list[Any] = []
     for arguments in (read.times, [] if read.places is None else [read.places]):
         try:
@@ -149,6 +152,24 @@ def _function(function: Callable[..., Any], read: _Read) -> dict:
             values = [np.vectorize(lambda v: f"{v:.12g}")(value).tolist() for value in given]
             return {"values": values if len(np.ravel(values)) <= _SHORT else _digest(str(values))}
     return name
+
+
+def _of_dolfinx(function: Function, read: _Read) -> dict:
+    """A function of DOLFINx by its values; of a mesh that is spread each rank has its own."""
+    out, mesh = {"function": type(function).__name__}, function.function_space.mesh
+    if mesh.comm.size == 1:
+        out["values"] = _digest(function.x.array.tobytes())
+        read.functions.append((out, named(mesh)))
+    return out
+
+
+def _forget_parts(functions: list[tuple[dict, int]], ranks: Ranks) -> None:
+    """Leave out values of functions of which each rank has a part; other scenes stay others."""
+    told = ranks.comm.allgather([mesh for _, mesh in functions])
+    if len(set(map(len, told))) == 1:
+        for (out, _), meshes in zip(functions, zip(*told, strict=True), strict=True):
+            if len(set(meshes)) > 1:
+                del out["values"]
 
 
 def _places(bodies: Bodies | None) -> np.ndarray | None:

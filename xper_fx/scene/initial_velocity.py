@@ -8,8 +8,9 @@ from collections.abc import Callable, Collection, Mapping
 import numpy as np
 from dolfinx import fem
 
+from xper_fx.bodies.function_values import function_values, is_function, num_components
 from xper_fx.support.checks import refuse_expression
-from xper_fx.support.function_values import function_values, is_function, num_components
+from xper_fx.support.ranks import Ranks
 
 Field = Callable[[np.ndarray], np.ndarray] | fem.Function
 
@@ -47,11 +48,25 @@ def check_initial_velocity(
             )
 
 
-def checked_velocity(field: Field, dim: int) -> Field:
-    """An initial velocity that is refused unless it gives finite numbers of the right shape."""
+def velocities_at(field: Field, x: np.ndarray, dim: int, ranks: Ranks) -> np.ndarray:
+    """Velocities at positions of this rank; all ranks call it together.
 
-    def values(x: np.ndarray) -> np.ndarray:
-        given = np.asarray(function_values(field, x).T if is_function(field) else field(x))
+    Args:
+        field: an initial velocity.
+        x: positions, shape (3, n), m.
+        dim: components.
+        ranks: those that know all of the mesh.
+
+    Returns:
+        Shape (dim, n), m/s.
+
+    Raises:
+        ValueError: on all ranks where it gives one something else than finite numbers.
+    """
+    known = function_values(field, x, ranks).T if is_function(field) else None
+
+    def values() -> np.ndarray:
+        given = np.asarray(field(x) if known is None else known)
         if given.shape != (dim, x.shape[1]) or given.dtype.kind not in "biuf":
             raise ValueError(
                 f"initial_velocity should give numbers of shape ({dim}, {x.shape[1]}) for as many "
@@ -62,4 +77,4 @@ def checked_velocity(field: Field, dim: int) -> Field:
             raise ValueError(f"initial_velocity is not finite at {where.tolist()}.")
         return given.astype(float)
 
-    return values
+    return ranks.together(values)

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """A scene whose mesh is spread over ranks, with its bodies on other ranks.
 
-Arrays of values for facing facets, which laws may have, go with the facets.
+Arrays of values for facing facets, which laws may have, go with the facets. DOLFINx functions stay,
+and ranks ask each other for their values (`bodies/function_values.py`).
 """
 
 from __future__ import annotations
@@ -14,19 +15,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from xper_fx.bodies.moved import moved
-from xper_fx.nscd.laws.parameters import Values, fields_of
+from xper_fx.nscd.laws.parameters import Values, fields_of, given_fields
 
 if TYPE_CHECKING:
     from xper_fx.scene.scene import Scene
-
-
-def has_functions(scene: Scene) -> bool:
-    """Whether a scene has functions of DOLFINx, whose values stay on the ranks where they are."""
-    velocity = scene.initial_velocity
-    given = [*velocity.values()] if isinstance(velocity, Mapping) else [velocity]
-    given += [value for load in scene.loads for value in vars(load).values()]
-    given += [value for law in _laws(scene) for value in _parameters(law)]
-    return any(hasattr(value, "function_space") for value in given)
 
 
 def moved_scene(scene: Scene, rank_of_body: np.ndarray) -> Scene:
@@ -44,7 +36,7 @@ def moved_scene(scene: Scene, rank_of_body: np.ndarray) -> Scene:
     arrays = {
         id(value): value
         for law in _laws(scene)
-        for value in _parameters(law)
+        for value in given_fields(law)
         if isinstance(value, Values)
     }
     tables = [array.values for array in arrays.values()]
@@ -79,29 +71,17 @@ def _laws(scene: Scene) -> Iterator[Any]:
                 yield law
 
 
-def _parameters(law: Any) -> Iterator[Any]:
-    """Parameters that differ from point to point, and those beside them in pairs and mappings."""
-    for name in fields_of(law):
-        yield from _several(getattr(law, name))
-
-
-def _several(value: Any) -> list:
-    if isinstance(value, Mapping):
-        return [*value.values()]
-    return [*value] if isinstance(value, tuple) else [value]
-
-
 def _with_values(law: Any, new: Mapping[int, Values]) -> Any:
     """A law with other arrays in the place of its own, which `new` has by their identity."""
+    if not any(id(one) in new for one in given_fields(law)):
+        return law
     given: dict[str, Any] = {}
     for name in fields_of(law):
         value = getattr(law, name)
-        if not any(id(one) in new for one in _several(value)):
-            continue
         if isinstance(value, Mapping):
             given[name] = {key: new.get(id(one), one) for key, one in value.items()}
         elif isinstance(value, tuple):
             given[name] = tuple(new.get(id(one), one) for one in value)
         else:
-            given[name] = new[id(value)]
-    return replace(law, **given) if given else law
+            given[name] = new.get(id(value), value)
+    return replace(law, **given)

@@ -113,10 +113,7 @@ def _balance(
         rank_of_rigid, moves = rigid.rank_of_body, rigid.moves
     if scene.bodies.spread is not None:
         from xper_fx.parallel.spread_rebalancing import SpreadRebalancing
-        from xper_fx.scene.moved_scene import has_functions
 
-        if has_functions(scene):
-            return None
         return SpreadRebalancing(team, part, rank_of_rigid, moves, groups)
     from xper_fx.parallel.rebalancing import Rebalancing
 

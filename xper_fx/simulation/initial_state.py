@@ -12,7 +12,8 @@ from xper_fx.bodies.explode import Bodies
 from xper_fx.bodies.node_positions import node_positions
 from xper_fx.bulk.bulk import Bulk
 from xper_fx.bulk.state import State
-from xper_fx.scene.initial_velocity import Field, checked_velocity
+from xper_fx.scene.initial_velocity import Field, velocities_at
+from xper_fx.support.ranks import Ranks
 
 
 def initial_state(
@@ -40,9 +41,8 @@ def initial_state(
         return State(0.0, none, none, none)
     unknowns, rest = bulk.unknowns, np.zeros(bulk.num_dofs)
     velocity = rest.copy()
-    velocity.reshape(-1, bulk.dim)[unknowns.node_of] = bulk.ranks.together(
-        lambda: _nodal_velocity(bulk.forms.V, bodies, given)
-    )
+    nodal = _nodal_velocity(bulk.forms.V, bodies, given, bulk.ranks)
+    velocity.reshape(-1, bulk.dim)[unknowns.node_of] = nodal
     if inertia:
         bulk.start(velocity, step)
     internal = bulk.internal(rest)
@@ -55,19 +55,18 @@ def initial_state(
 
 
 def _nodal_velocity(
-    V: FunctionSpace, bodies: Bodies, given: Field | Mapping[int, Field] | None
+    V: FunctionSpace, bodies: Bodies, given: Field | Mapping[int, Field] | None, ranks: Ranks
 ) -> np.ndarray:
     """Velocities of all nodes of V, shape (number of nodes, dim), m/s.
 
     Lips that are together at the start have one position, and so one velocity, to the last digit.
     """
-    x = node_positions(V)
-    velocity = np.zeros((len(x), V.dofmap.bs))
-    if given is None:
-        return velocity
-    if not isinstance(given, Mapping):
-        return checked_velocity(given, V.dofmap.bs)(x.T).T
-    for tag, field in given.items():
-        nodes = np.unique(V.dofmap.list[bodies.cell_tags.find(tag)])
-        velocity[nodes] = checked_velocity(field, V.dofmap.bs)(x[nodes].T).T
+    x, dim = node_positions(V), V.dofmap.bs
+    velocity = np.zeros((len(x), dim))
+    if isinstance(given, Mapping):
+        for tag, field in given.items():
+            nodes = np.unique(V.dofmap.list[bodies.cell_tags.find(tag)])
+            velocity[nodes] = velocities_at(field, x[nodes].T, dim, ranks).T
+    elif given is not None:
+        velocity[:] = velocities_at(given, x.T, dim, ranks).T
     return velocity

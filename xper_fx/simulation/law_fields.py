@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from xper_fx.bodies.function_values import function_values, is_function
 from xper_fx.nscd.facets import facet_shapes
 from xper_fx.nscd.laws.fields import Places, draws, law_at
-from xper_fx.nscd.laws.parameters import fields_of
-from xper_fx.support.function_values import function_values
+from xper_fx.nscd.laws.parameters import fields_of, given_fields
 
 if TYPE_CHECKING:
     from xper_fx.nscd.laws.law import Law
@@ -33,12 +33,15 @@ def laws_at_points(laws: list[Law], points: ScenePoints, scene: Scene, ranks: Ra
     numbered = None
     if scene.bodies is not None and any(map(draws, laws)):
         numbered = scene.bodies.facet_places()
-    return ranks.together(lambda: _at_points(laws, points, scene, numbered))
+    places = ranks.together(lambda: _of_laws(laws, points, scene, numbered))
+    values = [_of_functions(law, there, ranks) for law, there in zip(laws, places, strict=True)]
+    return ranks.together(lambda: list(map(law_at, laws, places, values)))
 
 
-def _at_points(
+def _of_laws(
     laws: list[Law], points: ScenePoints, scene: Scene, numbered: tuple[np.ndarray, int] | None
-) -> list[Law]:
+) -> list[Places]:
+    """Where this rank's points of each law are."""
     searched = [contact.law for contact in scene.contacts]
     for law in laws:
         if fields_of(law) and law in searched:
@@ -49,9 +52,13 @@ def _at_points(
     on_facets, others = _on_facets(points, scene, numbered), points.apart_from_facets()
     law_of_point = points.law_of_point
     places = _joined([on_facets, *(_elsewhere(on_facets, *given) for given in others)])
-    return [
-        law_at(law, places.take(law_of_point == number), _scalar) for number, law in enumerate(laws)
-    ]
+    return [places.take(law_of_point == number) for number in range(len(laws))]
+
+
+def _of_functions(law: Law, places: Places, ranks: Ranks) -> dict[int, np.ndarray]:
+    """Values of a law's DOLFINx functions by their identity; all ranks call it together."""
+    functions = filter(is_function, given_fields(law))
+    return {id(one): function_values(one, places.x, ranks)[:, 0] for one in functions}
 
 
 def _on_facets(
@@ -118,7 +125,3 @@ def _joined(parts: list[Places]) -> Places:
         if isinstance(array, np.ndarray)
     }
     return replace(parts[0], **arrays)
-
-
-def _scalar(function, x: np.ndarray) -> np.ndarray:
-    return function_values(function, x)[:, 0]

@@ -15,17 +15,19 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx.geometry import bb_tree, compute_colliding_cells, compute_collisions_points
 from scipy.spatial import cKDTree
 from scipy.stats import qmc
 
+from xper_fx.bodies.function_values import cells_at
+from xper_fx.bodies.spread import send
 from xper_fx.output.cracks import broken_points
-from xper_fx.output.field_series import point_coordinates
+from xper_fx.output.field_series import point_coordinates, shown_values
 from xper_fx.output.gauges import CellGauge, TensileGauge, require_gauge
 from xper_fx.simulation.simulation import Simulation, StepRecord
 from xper_fx.support.checks import require_count, require_positive
+from xper_fx.support.ranks import ALONE, Ranks
 
-Value = float | dict[str, npt.NDArray[np.float64]]
+Value = float | dict[str, Any]
 
 
 class Quantity(Protocol):
@@ -174,34 +176,68 @@ class CrackPattern:
     def __post_init__(self) -> None:
         require_positive("radius", self.radius)
 
-    def observe(self, simulation: Simulation, step: StepRecord, seen: None) -> None:
-        """Nothing before the end."""
+    def observe(self, simulation: Simulation, step: StepRecord, seen: bool | None) -> bool:
+        """Nothing before the end, but for tags that occur nowhere.
 
-    def value(self, simulation: Simulation, seen: None) -> dict[str, npt.NDArray[np.float64]]:
-        """Broken points: `points`, shape (n, dim), m, and `area`, shape (n,), m^2 (2D: m)."""
+        Raises:
+            ValueError, TypeError: as `broken_points`.
+        """
+        if seen is None and simulation.interactions is not None:
+            broken_points(simulation, self.ignored_facets)
+        return True
+
+    def value(self, simulation: Simulation, seen: bool | None) -> dict[str, Any]:
+        """Broken points: `points`, shape (n, dim), m, and `area`, shape (n,), m^2 (2D: m).
+
+        All ranks call it together. Of a mesh that is spread over them each has its own points, and
+        `ranks` says with which others.
+        """
         if simulation.interactions is None:
             return {"points": np.zeros((0, simulation.bulk.dim)), "area": np.zeros(0)}
         broken = broken_points(simulation, self.ignored_facets)
-        simulation.scene.bodies.require_whole("A pattern of cracks")
-        return {
+        found: dict[str, Any] = {
             "points": point_coordinates(simulation)[broken],
-            "area": simulation.interactions.gather("area")[: len(broken)][broken],
+            "area": shown_values(simulation, "area")[broken],
         }
+        if simulation.scene.bodies.spread is not None:
+            found["ranks"] = simulation.ranks
+        return found
 
     def error(self, value: Mapping[str, Any], reference: Mapping[str, Any]) -> float:
-        """The share of cracks without a counterpart."""
-        total = value["area"].sum() + reference["area"].sum()
+        """The share of cracks without a counterpart; ranks that have parts call it together."""
+        ranks = value.get("ranks", reference.get("ranks", ALONE))
+        parts = _part(value, ranks), _part(reference, ranks)
+        total = ranks.sum(sum(part["area"].sum() for part in parts))
         if total == 0.0:
             return 0.0
-        alone = self._alone(value, reference) + self._alone(reference, value)
-        return float(alone / total)
+        alone = self._alone(*parts, ranks) + self._alone(*parts[::-1], ranks)
+        return float(ranks.sum(alone) / total)
 
-    def _alone(self, one: Mapping[str, Any], other: Mapping[str, Any]) -> float:
-        """Area of `one` that has no point of `other` within the radius."""
-        if len(one["area"]) == 0 or len(other["area"]) == 0:
-            return one["area"].sum()
-        distance, _ = cKDTree(other["points"]).query(one["points"])
-        return one["area"][distance > self.radius].sum()
+    def _alone(self, one: Mapping[str, Any], other: Mapping[str, Any], ranks: Ranks) -> float:
+        """Area of this rank's part of `one` without a point of any of `other` within the radius.
+
+        Ranks tell each other boxes around their parts of `other`, and ask whose box is in reach.
+        """
+        there, points, beside = other["points"], one["points"], 1.001 * self.radius
+        box = there.min(axis=0, initial=np.inf), there.max(axis=0, initial=-np.inf)
+        asked = [
+            np.flatnonzero(np.all((points >= low - beside) & (points <= high + beside), axis=1))
+            for low, high in ranks.comm.allgather(box)
+        ]
+        to = np.repeat(np.arange(ranks.size), [len(which) for which in asked])
+        heard, tree = send(ranks, to, points[np.concatenate(asked)]), cKDTree(there)
+        near = ranks.comm.alltoall([tree.query(x)[0] <= self.radius for (x,) in heard])
+        found = np.zeros(len(points), bool)
+        for which, told in zip(asked, near, strict=True):
+            found[which] |= told
+        return float(one["area"][~found].sum())
+
+
+def _part(value: Mapping[str, Any], ranks: Ranks) -> Mapping[str, Any]:
+    """Of cracks that all ranks have each takes some."""
+    if "ranks" in value:
+        return value
+    return {name: array[ranks.rank :: ranks.size] for name, array in value.items()}
 
 
 @dataclass(frozen=True)
@@ -210,7 +246,7 @@ class DisplacementL2:
 
     It is read at points that depend on the box round the bodies only, spread evenly in it (a
     Halton sequence), so that meshes and orders may differ; points outside of all bodies do not
-    count.
+    count. Where bodies or cells meet it is their mean.
 
     Args:
         samples: number of points.
@@ -245,23 +281,20 @@ class DisplacementL2:
     def value(self, simulation: Simulation, seen: None) -> dict[str, npt.NDArray[np.float64]]:
         """`points`, shape (samples, dim), and `displacement` there, m; NaN outside of bodies.
 
-        All ranks call it together.
+        All ranks call it together, and have the same, also of a mesh that is spread over them.
         """
-        simulation.scene.bodies.require_whole("A sample of displacements")
-        mesh, dim = simulation.scene.bodies.mesh, simulation.bulk.dim
-        x = mesh.geometry.x[:, :dim]
+        mesh, dim, ranks = simulation.bodies.mesh, simulation.bulk.dim, simulation.ranks
         points = np.zeros((self.samples, 3))
-        points[:, :dim] = self.points(x.min(axis=0), x.max(axis=0))
-        tree = bb_tree(mesh, dim)
-        cells = compute_colliding_cells(mesh, compute_collisions_points(tree, points), points)
-        inside = np.flatnonzero(np.diff(cells.offsets))
-        first = cells.array[cells.offsets[inside]]
-        if simulation.part is not None:  # of several ranks each has some of the cells
-            first = simulation.part.cell_of[first]
-        here = np.flatnonzero(first >= 0)
-        found = simulation.displacement.eval(points[inside[here]], first[here])
+        points[:, :dim] = self.points(*ranks.box(mesh.geometry.x[:, :dim]))
+        which, cells = cells_at(mesh, points)
+        found = simulation.displacement.eval(points[which], cells).reshape(-1, dim)
+        # how many cells have each point, and the sum of what they say
+        total = np.zeros((self.samples, 1 + dim))
+        np.add.at(total, which, np.column_stack([np.ones(len(which)), found]))
+        total = ranks.sum(total)
         displacement = np.full((self.samples, dim), np.nan)
-        displacement[inside] = simulation.ranks.gather(here, found.reshape(-1, dim))
+        inside = total[:, 0] > 0.0
+        displacement[inside] = total[inside, 1:] / total[inside, :1]
         return {"points": points[:, :dim], "displacement": displacement}
 
     def error(self, value: Mapping[str, Any], reference: Mapping[str, Any]) -> float:

@@ -28,7 +28,14 @@ from typing import Any
 
 import numpy as np
 
-from xper_fx.nscd.laws.parameters import EntryError, PointArray, Values, fields_of, is_field
+from xper_fx.nscd.laws.parameters import (
+    EntryError,
+    PointArray,
+    Values,
+    fields_of,
+    given_fields,
+    is_field,
+)
 from xper_fx.support.checks import require_integer, require_non_negative, require_positive
 
 # Waves whose sum is a correlated field; positions that are worked on at a time.
@@ -72,43 +79,37 @@ class Places:
 
 def draws(law: Any) -> bool:
     """Whether a law has random fields."""
-    given: list[Any] = []
-    for item in (getattr(law, name) for name in fields_of(law)):
-        several = isinstance(item, Mapping | tuple)
-        given += (item.values() if isinstance(item, Mapping) else item) if several else [item]
-    return any(hasattr(item, "sample") for item in given)
+    return any(hasattr(item, "sample") for item in given_fields(law))
 
 
 _TOLD = ("x", "normal", "bodies", "materials", "area")
 
 
-def law_at(law: Any, places: Places, evaluate: Callable[[Any, np.ndarray], np.ndarray]) -> Any:
+def law_at(law: Any, places: Places, of_function: Mapping[int, np.ndarray]) -> Any:
     """The law with the values of its fields at its points.
 
     Args:
         law: with fields or without.
         places: where its points are.
-        evaluate: gives the values of a DOLFINx function at positions of shape (3, n).
+        of_function: values there of its DOLFINx functions by their identity, shape (n,) each.
 
     Raises:
         ValueError: a value that the law refuses, or is not finite, an array of a wrong length; says
             which entry, and where.
     """
+
+    def known(name: str, item: Any) -> Any:
+        return _at_points(name, item, places, of_function) if is_field(item) else item
+
     values: dict[str, Any] = {}
     for name in fields_of(law):
         given = getattr(law, name)
         if isinstance(given, Mapping):
-            values[name] = {
-                key: _at_points(key, item, places, evaluate) if is_field(item) else item
-                for key, item in given.items()
-            }
+            values[name] = {key: known(key, item) for key, item in given.items()}
         elif isinstance(given, tuple):
-            values[name] = tuple(
-                _at_points(f"{name}[{place}]", item, places, evaluate) if is_field(item) else item
-                for place, item in enumerate(given)
-            )
+            values[name] = tuple(known(f"{name}[{k}]", item) for k, item in enumerate(given))
         else:
-            values[name] = _at_points(name, given, places, evaluate)
+            values[name] = known(name, given)
     if not values:
         return law
     try:
@@ -124,13 +125,15 @@ def _where(places: Places, entry: int) -> str:
     return f"{which}, at ({position}) m"
 
 
-def _at_points(name: str, field: Any, places: Places, evaluate) -> PointArray:
+def _at_points(
+    name: str, field: Any, places: Places, of_function: Mapping[int, np.ndarray]
+) -> PointArray:
     if isinstance(field, Values):
         values = _of_array(name, field.values, places)
     elif hasattr(field, "sample"):
         values = field.sample(places)
-    elif hasattr(field, "function_space"):
-        values = evaluate(field, places.x)
+    elif id(field) in of_function:
+        values = of_function[id(field)]
     else:
         values = _of_function(name, field, places)
     try:

@@ -8,7 +8,7 @@ written once, for numbers and arrays alike, and run where the numbers are.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -149,6 +149,15 @@ def acts(value: Any) -> bool:
 def fields_of(law: Any) -> tuple[str, ...]:
     """Names of the parameters of a law that are fields, or pairs and mappings with some."""
     return getattr(law, "_fields", ())
+
+
+def given_fields(law: Any) -> list[Any]:
+    """The fields of a law, and what is beside them in pairs and mappings."""
+    given: list[Any] = []
+    for item in (getattr(law, name) for name in fields_of(law)):
+        several = isinstance(item, Mapping | tuple)
+        given += (item.values() if isinstance(item, Mapping) else item) if several else [item]
+    return given
 
 
 def _taken(name: str, value: Any) -> Any:
