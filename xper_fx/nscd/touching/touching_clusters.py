@@ -284,26 +284,6 @@ class TouchingClusters:
         return float(relative), float(np.sqrt(largest) / self._interactions.step_size)
 
 
-def take_turns(
-    interactions: Interactions,
-    at: FusedPoints | LooseVertices,
-    velocity: np.ndarray,
-    move: Callable[[np.ndarray], SolveReport],
-    options: SolveOptions,
-    vertices: np.ndarray,
-) -> SolveReport:
-    """Let contacts and vertices take turns, over all ranks.
-
-    Args:
-        interactions, at, velocity, move, options: as of `TouchingClusters`.
-        vertices: numbers of all.
-    """
-    Clusters = TouchingClusters
-    if interactions.halo is not None:
-        from xper_fx.nscd.touching.shared_clusters import SharedClusters as Clusters
-    return Clusters(interactions, at, velocity, move, options).solve(vertices)
-
-
 @njit(**LEAN_ENTRY)
 def _take_clusters(vertices, whole, clusters, corners, root, mobility):
     """Slot for the cluster of each corner of some vertices, and one over the cluster's mass."""
