@@ -301,7 +301,7 @@ QUICKER = {
         "count=200": "count=100",
         "every=0.025": "every=0.1",
     },
-    DOCS / "tutorials/masonry_wall.md": {"step=2e-3": "step=4e-3", "every=0.03": "every=0.15"},
+    DOCS / "tutorials/masonry_wall.md": {"step=2e-3": "step=5e-3", "every=0.03": "every=0.3"},
 }
 CHECKS = {
     DOCS / "start.md": check_a_first_run,
