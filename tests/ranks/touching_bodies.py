@@ -332,7 +332,7 @@ def rammed():
             Hinge((None, bar), at=(-0.12, 0.9)),
         ],
     )  # fmt: skip
-    return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 12
+    return scene, {"step": 1e-3, "tolerance": 1e-10, "scheme": "implicit"}, 13
 
 
 def pelted():
