@@ -52,7 +52,7 @@ def blocks():
         walls=[Wall(BOTTOM, (0.0, -5e-3), (0.0, 1.0), RUB)], loads=[Gravity((0.0, -20.0))],
         **EACH_OTHER,
     )  # fmt: skip
-    return scene, EXACT | {"newton_tolerance": 1e-11}, 6
+    return scene, EXACT | {"newton_tolerance": 1e-11}, 12
 
 
 def assembled():

@@ -91,10 +91,11 @@ class DistributedSweeps(Solver):
             error = change
             if change > ROUNDING:
                 error *= amplification(np.array(changes))
-            if error > tolerance and (
-                change > tolerance or not bodies.rest(velocity, changed, changes, tolerance)
-            ):
-                continue
+            if error > tolerance:
+                rest = change <= tolerance and bodies.rest(velocity, changed, changes, tolerance)
+                if not rest:
+                    continue
+                error = change  # what it would grow to is infinite, and moves no body
             halo.everywhere.forward(velocity)
             evolved, largest = interactions.evolve_and_compare(velocity, sweep.largest_change())
             if evolved <= tolerance:
