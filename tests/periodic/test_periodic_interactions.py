@@ -275,7 +275,7 @@ def test_perfectly_bonded_cells_are_the_connected_cell(kind, order):
         bodies = cell_of((1, 1), (2, 2), label=label, material=TWO)
         simulation = cell_run(
             bodies, phases(kind), MIXED, PerfectBond() if label != 0 else None, order=order,
-            step=0.2, steps=10, theta=1.0, tolerance=1e-9, check=consistent(bound=1e-8),
+            step=0.1, steps=20, theta=1.0, tolerance=1e-9, check=consistent(bound=1e-8),
         )  # fmt: skip
         states.append(
             np.concatenate([simulation.macroscopic.gradient, simulation.macroscopic.stress / 100])
