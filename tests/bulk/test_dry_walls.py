@@ -54,8 +54,7 @@ def push(*arguments, end_time=1.0, **options):
     return np.array([simulation.reaction(TOP)[0] for _ in simulation.steps(end_time)])
 
 
-@pytest.mark.parametrize("weight", [True, False])
-@pytest.mark.parametrize("friction", [0.4, 0.6])
+@pytest.mark.parametrize(("friction", "weight"), [(0.4, True), (0.6, False)])
 def test_the_beam_slides_at_last(friction, weight):
     """On the wall, whose top bears the pressure and the beam; no step is cut."""
     forces = push(5, 5, friction, xf.materials.LinearElastic, weight=weight)

@@ -29,7 +29,7 @@ def test_without_enough_friction_no_thickness_stands():
     assert not demo.can_stand(demo.Arch(12, 0.2, 0.2))
 
 
-@pytest.mark.parametrize("step", [2e-3, 8e-3])
+@pytest.mark.parametrize("step", [4e-3, 8e-3])
 def test_dynamics_bracket_the_limit_whatever_the_step(step):
     """Half a per cent above it an arch of 12 blocks stays where it is, half a per cent below its
     joints open and it falls: inside at the crown and the springings, outside at the haunches."""
@@ -59,7 +59,7 @@ def test_the_line_of_thrust_stays_inside():
 
 def test_files(tmp_path):
     """Verdicts and picture of a small run."""
-    options = f"--blocks 7 8 --step 4e-3 --quiet --out {tmp_path}"
+    options = f"--blocks 7 8 --step 8e-3 --quiet --out {tmp_path}"
     result = demo.main(options.split())
     assert [[o.verdict for o in pair] for pair in result["pairs"]] == [["stands", "falls"]] * 2
     assert (tmp_path / "masonry_arch.png").stat().st_size > 10_000

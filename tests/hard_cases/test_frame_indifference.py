@@ -196,7 +196,7 @@ def test_one_history(name, figure):
     found = {}
     for how, axes in seen.items():
         simulation = make(axes, num_threads=1, **options)
-        record = run(simulation, 8 if name in LONG else 20)[-1]
+        record = run(simulation, 6 if name in LONG else 16)[-1]
         place = nodes(simulation) + field(simulation) - axes.wind * record.time
         found[how] = place @ axes.R, np.array([record.energies[e] for e in ENERGIES])
     plain = found.pop("plain")

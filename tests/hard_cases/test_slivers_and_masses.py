@@ -75,8 +75,8 @@ def momentum_missing(simulation, steps):
 @pytest.mark.parametrize(
     "name, solver",
     [(name, "monolithic") for name in COLUMNS]
-    + [(name, "auto") for name in ("sliver layer", "tiny facets on a sliver layer")]
-    + [(name, "newton") for name in COLUMNS if name != "light sliver between heavy"],
+    + [("tiny facets on a sliver layer", "auto")]
+    + [(name, "newton") for name in ("sliver layer", "tiny facets", "light between heavy")],
 )
 def test_static_pressure(name, solver, figure):
     """Each interface comes to bear the weight above it; evenly where facets are alike (nu = 0).

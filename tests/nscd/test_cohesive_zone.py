@@ -424,7 +424,7 @@ def test_broken_lips_keep_friction(pull, dim):
 @pytest.mark.parametrize("dim", [2, 3])
 def test_random_loads_dissipate_at_every_step(dim, mu, damage):
     """Any force, step, theta, stiffness ratio: no dissipation below zero, and the books balance."""
-    for seed in range(20):
+    for seed in range(8):
         rng = np.random.default_rng(seed)
         theta = rng.choice([0.5, 0.6, 1.0])
         law = CohesiveZone(

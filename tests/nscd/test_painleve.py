@@ -162,14 +162,17 @@ def test_impact_without_collision(mu, theta):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("mu", [0.5, 1.5, 3.0])
-@pytest.mark.parametrize("theta, slip, spin", STARTS)
-def test_goes_through(mu, theta, slip, spin):
+@pytest.mark.parametrize(
+    ("mu", "start"),
+    [(0.5, 0), (0.5, 3), (1.5, 1), (1.5, 2), (3.0, 0), (3.0, 1), (3.0, 3)],
+)
+def test_goes_through(mu, start):
     """To rest on both ends: finite, no energy gained, penetrating by no more than a step's motion.
 
     At each step, where the lower end alone slides on the side where friction presses, its reaction
     is the one that A allows, and A is positive.
     """
+    theta, slip, spin = STARTS[start]
     position, velocity = sliding_rod(theta, slip, spin)
     steps = list(run(position, velocity, mu, end_time=2.0))
     energies = np.array([energy(position, velocity)] + [step.energy for step in steps])

@@ -36,9 +36,11 @@ def random_scene(rng, kinds, count, decades, clustered):
 @pytest.mark.parametrize(
     "kinds", [["disc"], ["disc", "polygon"], ["disc", "wall"], ["polygon", "wall"]]
 )
-@pytest.mark.parametrize("clustered", [False, True])
-@pytest.mark.parametrize("decades", [0.3, 3.0])
-@pytest.mark.parametrize("offset", [0.0, 1e5])
+# each two of them together
+@pytest.mark.parametrize(
+    ("clustered", "decades", "offset"),
+    [(False, 0.3, 0.0), (True, 0.3, 1e5), (False, 3.0, 1e5), (True, 3.0, 0.0)],
+)
 def test_contacts_are_those_of_brute_force(kinds, clustered, decades, offset):
     rng = np.random.default_rng(int(10 * decades) + clustered)
     touching = 0
@@ -62,7 +64,7 @@ def test_contacts_of_bodies_that_move_for_long_and_renewals():
     free = ~np.isinf(bodies.shapes.bounding_radius)
     velocity, spin = rng.normal(size=(2, 60, 2)) * 0.004
     position, angle = bodies.position.copy(), bodies.rotation.copy()
-    for step in range(300):
+    for step in range(120):
         position[free] += velocity[free] + [0.1, 0.0]
         angle += spin[:, 0]
         contacts = search.find(position, angle)
@@ -72,8 +74,8 @@ def test_contacts_of_bodies_that_move_for_long_and_renewals():
         assert np.array_equal(contacts.key, fresh.key)
         assert np.array_equal(contacts.gap, fresh.gap)
     # The fastest two approach by 0.03 m a step; a skin of a tenth of a body lasts a few steps.
-    assert 5 < search.renewals < 100
-    assert search.searches == 300
+    assert 2 < search.renewals < 40
+    assert search.searches == 120
 
 
 def test_bodies_that_fall_together_keep_their_list():

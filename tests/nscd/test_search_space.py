@@ -35,9 +35,11 @@ def random_scene(rng, kinds, count, decades, clustered):
 @pytest.mark.parametrize(
     "kinds", [["sphere"], ["sphere", "polyhedron"], ["sphere", "wall"], ["polyhedron", "wall"]]
 )
-@pytest.mark.parametrize("clustered", [False, True])
-@pytest.mark.parametrize("decades", [0.3, 3.0])
-@pytest.mark.parametrize("offset", [0.0, 1e5])
+# each two of them together
+@pytest.mark.parametrize(
+    ("clustered", "decades", "offset"),
+    [(False, 0.3, 0.0), (True, 0.3, 1e5), (False, 3.0, 1e5), (True, 3.0, 0.0)],
+)
 def test_contacts_are_those_of_brute_force(kinds, clustered, decades, offset):
     rng = np.random.default_rng(int(10 * decades) + clustered)
     count = 30 if decades < 1.0 else 60  # of unlike sizes, few are near each other
@@ -189,7 +191,7 @@ def test_contacts_of_bodies_that_move_for_long():
     velocity = rng.normal(size=(30, 3)) * 0.004
     spin = Rotation.from_rotvec(rng.normal(size=(30, 3)) * 0.004)
     position, rotation = bodies.position.copy(), Rotation.from_matrix(bodies.rotation)
-    for step in range(200):
+    for step in range(80):
         position[free] += velocity[free] + [0.1, 0.0, 0.0]
         rotation = spin * rotation
         contacts = search.find(position, rotation.as_matrix())
@@ -198,7 +200,7 @@ def test_contacts_of_bodies_that_move_for_long():
         fresh = RigidSearch(bodies, [("a", "a")], 0.05).find(position, rotation.as_matrix())
         assert np.array_equal(contacts.key, fresh.key)
         assert np.array_equal(contacts.gap, fresh.gap)
-    assert 3 < search.renewals < 70
+    assert 1 < search.renewals < 40
 
 
 def test_small_cube_at_the_corner_of_a_large_one():
@@ -220,7 +222,7 @@ def test_mirror_images_of_contacts():
     """Which of two bodies comes first changes the sign of the normals alone."""
     rng = np.random.default_rng(1)
     touching = 0
-    for _ in range(150):
+    for _ in range(75):
         shapes = [random_polyhedron(rng, 1.0), random_polyhedron(rng, 1.0)]
         direction = rng.normal(size=3)
         apart = rng.uniform(0.5, 0.9) * sum(shape.bounding_radius for shape in shapes)
@@ -234,4 +236,4 @@ def test_mirror_images_of_contacts():
         assert others.normal[same] == pytest.approx(-contacts.normal[order], abs=1e-11)
         assert others.gap[same] == pytest.approx(contacts.gap[order], abs=1e-11)
         touching += len(contacts) > 1
-    assert touching > 20
+    assert touching > 10

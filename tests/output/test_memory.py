@@ -82,7 +82,7 @@ def test_bytes_a_point(case):
     dim, scheme, law, points, bounds = CASES[case]
     small, large = (
         measured(simulation(dim, cells, scheme, law, points))
-        for cells in ((30, 60) if dim == 2 else (8, 14))
+        for cells in ((24, 48) if dim == 2 else (8, 14))
     )
     assert np.all(large <= bounds), (large, bounds)
     linear = np.ones(len(large), bool)

@@ -164,13 +164,13 @@ def readings(simulation) -> dict[str, np.ndarray]:
     return {name: np.copy(value) for name, value in out.items()}
 
 
-def restarts_equal(make, end: float, folder: Path, parts=(1 / 3, 2 / 3)) -> tuple:
-    """Restart a run from two of its checkpoints, each of which must go on as the run did.
+def restarts_equal(whole, make, end: float, folder: Path, parts=(1 / 3, 2 / 3)) -> list:
+    """Restart a run from its checkpoints, each of which must go on as the run did.
 
     Returns:
-        The run, its records and the steps after which it was saved.
+        The records of the run.
     """
-    whole, records, saved, told = make(), [], [], {}
+    records, saved, told = [], [], {}
     for record in whole.steps(end):
         records.append(record)
         if len(saved) < len(parts) and record.time >= parts[len(saved)] * end:
@@ -189,40 +189,39 @@ def restarts_equal(make, end: float, folder: Path, parts=(1 / 3, 2 / 3)) -> tupl
         assert found.keys() == expected.keys()
         different = [name for name in expected if not np.array_equal(found[name], expected[name])]
         assert not different
-    return whole, records, saved
+    return records
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", restart_scenes.SCENES, ids=lambda scene: scene.__name__)
 def test_a_restarted_run_is_the_same_bit_by_bit(scene, tmp_path):
     end, event = restart_scenes.SCENES[scene]
-    run, records, saved = restarts_equal(scene, end, tmp_path)
+    run = scene()
+    records = restarts_equal(run, scene, end, tmp_path)
     energies = run.ledger.energies
     if event == "broken":
         damage = run.interactions.gather("damage")
         assert damage.min() == 0.0 and energies.dissipated_cohesion > 0.0
     elif event == "cut":
         # saved within a step that was cut, of which a piece was left
-        pieces = [restored_pieces(tmp_path / f"{step}.h5") for step in saved]
-        assert len({record.size for record in records}) > 1 and any(pieces)
+        saved = [read_tree(path)["simulation"] for path in tmp_path.iterdir()]
+        assert len({record.size for record in records}) > 1
+        assert any(len(tree["course"]["pieces"]) for tree in saved)
     elif event == "flown":
         assert energies.dissipated_plastic > 0.0
     elif event == "retired":
-        parts = [read_tree(tmp_path / f"{step}.h5")["simulation"] for step in saved]
-        assert not all(part["interactions"]["kept"].all() for part in parts)
+        saved = [read_tree(path)["simulation"] for path in tmp_path.iterdir()]
+        assert not all(tree["interactions"]["kept"].all() for tree in saved)
         assert sum(map(len, run.interactions.contacts)) > 0
     else:
         assert energies.dissipated_impact > 0.0 and energies.dissipated_friction > 0.0
 
 
-def restored_pieces(path: Path) -> int:
-    return len(read_tree(path)["simulation"]["course"]["pieces"])
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", effect_scenes.SCENES, ids=lambda scene: scene.__name__)
 def test_every_effect_restarts(scene, tmp_path):
-    restarts_equal(scene, 6 * scene().step_size, tmp_path, parts=(0.49,))
+    run = scene()
+    restarts_equal(run, scene, 6 * run.step_size, tmp_path, parts=(0.49,))
 
 
 def test_the_tolerance_that_was_picked_is_taken(tmp_path):
@@ -768,16 +767,16 @@ def processes(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_twelve_kills_lose_nothing_but_the_last_steps(processes):
+def test_kills_lose_nothing_but_the_last_steps(processes):
     folder, found = processes
     killed = found["killed"]
-    assert killed["statuses"] == [-signal.SIGKILL] * 12 and killed["last"] == 0
+    assert killed["statuses"] == [-signal.SIGKILL] * 6 and killed["last"] == 0
     saved, reached = np.array(killed["saved"]), np.array(killed["reached"])
     assert np.all(np.diff(saved) >= 0) and np.all(reached >= saved)
-    assert len(np.unique(saved)) > 3 and np.count_nonzero(reached > saved) > 3
+    assert len(np.unique(saved)) > 1 and np.count_nonzero(reached > saved) > 1
     same_files(folder / "whole", folder / "killed")
     steps = read_history(folder / "killed" / "history.csv")["step"]
-    assert np.array_equal(steps, np.arange(1, 301))
+    assert np.array_equal(steps, np.arange(1, 201))
     trees = [read_tree(folder / name / "checkpoint.h5") for name in ("whole", "killed")]
     assert_same(*(tree["simulation"] for tree in trees))
 

@@ -94,7 +94,7 @@ def halves(material, up=0.0):
 
 def tied():
     """Halves whose bonds turn with them."""
-    return halves(TURNING), EXACT, 10
+    return halves(TURNING), EXACT, 6
 
 
 def static():

@@ -212,7 +212,7 @@ def test_a_free_body_turns_as_euler_says():
             w = w + h / 6.0 * (a + 2.0 * b + 2.0 * c + rate(w + h * c))
         return w
 
-    errors = []
+    errors, expected = [], exact(1000)
     for step in (2e-2, 1e-2):
         body = RigidBody(shape, (0.0, 0.0, 0.0), "body", density=1000.0, spin=spin)
         scene = Scene(rigid=[body], contacts=[Contact(("body", "body"), None)])
@@ -220,7 +220,7 @@ def test_a_free_body_turns_as_euler_says():
         momentum, energy = simulation.rigid.angular_momentum(), simulation.rigid.kinetic
         *_, last = simulation.steps(end)
         turn = simulation.rigid.state.turn
-        errors.append(np.abs(turn.rotation[0].T @ turn.spin[0] - exact(6000)).max())
+        errors.append(np.abs(turn.rotation[0].T @ turn.spin[0] - expected).max())
         now = simulation.rigid.angular_momentum()
         np.testing.assert_allclose(now, momentum, rtol=0, atol=1e-13 * np.abs(momentum).max())
         assert last.energies["kinetic"] == pytest.approx(energy, rel=1e-13)
@@ -291,9 +291,13 @@ def cloud(dim, kind, rng):
 
 
 @pytest.mark.slow
-@both
-@pytest.mark.parametrize("theta", [0.5, 1.0])
-@pytest.mark.parametrize("kind", ["balls", "cornered", "mixed"])
+@pytest.mark.parametrize(
+    ("dim", "kind", "theta"),
+    [
+        (2, "balls", 1.0), (2, "cornered", 0.5), (2, "mixed", 1.0),
+        (3, "balls", 0.5), (3, "cornered", 1.0), (3, "mixed", 0.5),
+    ],
+)  # fmt: skip
 def test_collisions_keep_momenta_and_lose_energy(dim, kind, theta):
     """With friction and restitution, whatever the impulses found: both momenta to rounding."""
     law = SignoriniCoulomb(friction=0.4, restitution=0.5)

@@ -37,7 +37,7 @@ from xper_fx.simulation.simulation import Simulation  # noqa: E402
 # The lock of tqdm is one for all forked processes: a run killed while it holds it stops the rest.
 tqdm.set_lock(threading.RLock())
 
-STEP, STEPS, FIELDS, KILLS = 0.02, 300, 100, 12
+STEP, STEPS, FIELDS, KILLS = 0.02, 200, 66, 6
 ALWAYS, NEVER = 1e-9, 1e9  # seconds between checkpoints
 GOES_ON = 12  # steps that a run makes at most between what it says and its death
 

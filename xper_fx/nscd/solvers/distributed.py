@@ -92,9 +92,10 @@ class DistributedSweeps(Solver):
             if change > ROUNDING:
                 error *= amplification(np.array(changes))
             if error > tolerance:
-                if change > tolerance or not bodies.rest(velocity, changed, changes, tolerance):
+                rest = change <= tolerance and bodies.rest(velocity, changed, changes, tolerance)
+                if not rest:
                     continue
-                error = change  # what steady changes amplify is no error
+                error = change  # what it would grow to is infinite, and moves no body
             halo.everywhere.forward(velocity)
             evolved, largest = interactions.evolve_and_compare(velocity, sweep.largest_change())
             if evolved <= tolerance:
