@@ -22,6 +22,7 @@ runs by name, and namespaces of what there are several of.
                        xf.effect_prices, what each effect costs
 """
 
+import os
 from typing import TYPE_CHECKING
 
 from xper_fx.support.lazy import importer
@@ -96,6 +97,9 @@ if TYPE_CHECKING:
     from xper_fx.support.errors import ConvergenceError as ConvergenceError
     from xper_fx.support.errors import NotFiniteError as NotFiniteError
     from xper_fx.support.errors import SmallStrainError as SmallStrainError
+
+# SCOTCH, by which DOLFINx partitions meshes, gives other parts each time on several threads.
+os.environ.setdefault("SCOTCH_PTHREAD_NUMBER", "1")
 
 _MODULE_OF = {
     "Bodies": "bodies.explode",

@@ -22,8 +22,8 @@ PAIRS = [
 ]  # fmt: skip
 
 
-def inverse_of(dim, sizes=(4, 4, 4, 4), stiff=1.0):
-    """Blocks whose softest motions are much softer than the rest, as long steps have them."""
+def blocks_of(dim, sizes=(4, 4, 4, 4), stiff=1.0):
+    """Blocks of w whose softest motions are much softer than the rest, as in long steps."""
     random = np.random.default_rng(3)
     blocks = []
     for number, nodes in enumerate(sizes):
@@ -33,17 +33,26 @@ def inverse_of(dim, sizes=(4, 4, 4, 4), stiff=1.0):
         values[: dim * (dim + 1) // 2] = 1e4
         blocks.append((basis * values) @ basis.T * (stiff if number == 1 else 1.0))
     blocks[3][: dim - 1], blocks[3][:, : dim - 1] = 0.0, 0.0  # prescribed
-    return BodyInverse.from_blocks(blocks, dim), blocks
+    return blocks
 
 
-def bonded(dim, law=None, **options):
-    """The four bodies, their dense W and H^T in local frames."""
-    inverse, blocks = inverse_of(dim, **options)
+def with_idle_nodes(block, count, dim):
+    """A block of w with as many nodes more, which move with the others and beside them."""
+    moved = np.random.default_rng(5).standard_normal((count * dim, len(block)))
+    moved = np.concatenate([np.eye(len(block)), moved])
+    return moved @ block @ moved.T + np.diag(np.arange(len(moved)) >= len(block))
+
+
+def bonded(dim, law=None, idle=0, **options):
+    """The four bodies, their dense W and H^T in local frames; nothing acts on idle nodes."""
+    blocks = [with_idle_nodes(block, idle, dim) for block in blocks_of(dim, **options)]
+    inverse = BodyInverse.from_blocks(blocks, dim)
     count = len(PAIRS)
     random = np.random.default_rng(7)
     normal = random.standard_normal((count, dim))
     frame = frame_from_normal(normal / np.linalg.norm(normal, axis=1, keepdims=True))
     nodes = np.array(PAIRS, np.int32)[:, :, None]
+    nodes += idle * (nodes // 4)
     gap = np.zeros(count)
     points = InteractionPoints(nodes, np.ones((count, 2, 1)), frame, np.ones(count), gap)
     interactions = Interactions(points, [law or PerfectBond()], np.zeros(count, int), inverse)
@@ -104,6 +113,24 @@ def test_few_iterations_where_motions_are_soft():
         report = solver.solve(interactions, velocity, SolveOptions(tolerance=1e-6))
         counts.append(report.sweeps)
     assert counts[0] < counts[1]
+
+
+@pytest.mark.parametrize("dim", (2, 3))
+def test_nodes_that_nothing_acts_on_cost_no_iterations(dim):
+    """As where contacts are searched: what is seen of a body are the nodes of its points."""
+    found = []
+    free = np.random.default_rng(1).standard_normal((GROUND, dim))
+    for idle in (0, 3):
+        interactions, w, jumps = bonded(dim, idle=idle)
+        velocity = np.zeros((len(w) // dim, dim))
+        acted = np.arange(GROUND) + idle * (np.arange(GROUND) // 4)
+        velocity[acted] = free
+        report = solve(interactions, velocity.reshape(-1), BondedGradients, tolerance=1e-10)
+        assert np.abs(jumps @ velocity.reshape(-1)).max() < 1e-8
+        found.append((report.sweeps, report.reason, velocity[acted]))
+    (few, unknowns, one), (many, more, other) = found
+    assert many == few and more == unknowns
+    np.testing.assert_allclose(other, one, atol=1e-8)
 
 
 def test_iterations_are_bounded_and_told():

@@ -88,6 +88,11 @@ def test_each_rank_gets_a_body_where_there_are_as_many(folder):
     assert np.load(folder / "balance.npz")["few"].tolist() == [1] * RANKS
 
 
+def test_a_mesh_is_partitioned_in_one_way(folder):
+    """Equal runs then have the same bits."""
+    assert np.load(folder / "balance.npz")["divisions"].tolist() == [1] * RANKS
+
+
 def test_facets_have_the_places_of_the_whole_mesh(folder):
     """So random numbers and tables are those of one rank, and scenes with a table the same."""
     found = [np.load(folder / f"places_{ranks}.npz") for ranks in (RANKS, 2)]

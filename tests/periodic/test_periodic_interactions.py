@@ -309,11 +309,13 @@ def test_what_a_cell_has_learnt_is_kept_by_commits_and_restarts():
         )  # fmt: skip
 
     bulk = cell(4).bulk
-    learnt = bulk.saved()["committed_compliance"].copy()
+    before = bulk.saved()
+    learnt = before["committed_compliance"].copy()
     assert np.abs(learnt).max() > 0.0
-    np.testing.assert_array_equal(bulk.saved()["compliance"], learnt)
-    bulk.saved()["compliance"][:] = 7.0  # as an attempt at a step would
-    saved = {name: np.copy(value) for name, value in bulk.saved().items()}
+    np.testing.assert_array_equal(before["compliance"], learnt)
+    bulk.restore(before | {"compliance": np.full_like(learnt, 7.0)})  # as an attempt would learn
+    np.testing.assert_array_equal(before["compliance"], learnt)
+    saved = bulk.saved()
     bulk.forget()
     np.testing.assert_array_equal(bulk.saved()["compliance"], learnt)
     other = cell(0).bulk

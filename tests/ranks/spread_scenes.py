@@ -207,6 +207,12 @@ def work_of_ranks() -> list[float]:
     return np.array(load) / np.mean(load)
 
 
+def divisions_of_one_mesh() -> int:
+    """How many ways a mesh is partitioned that is made several times."""
+    made = [scenes.mesh_of((1, 1), (20, 20)).topology for _ in range(6)]
+    return len({tuple(t.original_cell_index[: t.index_map(2).size_local]) for t in made})
+
+
 def bodies_of_few() -> int:
     """Bodies of this rank, of a plate of a large block and two small ones beside it."""
     label = lambda x: np.where(x[0] < 0.75, 2, 2.0 * x[1])  # noqa: E731
@@ -340,6 +346,7 @@ def main() -> None:
         elif name == "balance":
             found = {"cells": WORLD.gather(blocks_of_one_rank()), "work": work_of_ranks()}
             found["few"] = WORLD.gather(bodies_of_few())
+            found["divisions"] = WORLD.gather(divisions_of_one_mesh())
         elif name == "places":
             made = (
                 (scenes.box_bodies, (1.0, 3.0), (5, 4), "crossed"),

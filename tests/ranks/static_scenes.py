@@ -344,12 +344,16 @@ def celled_path():
 
 
 def bonded():
-    """Blocks that perfect bonds alone hold and that hang on one side."""
-    scene = xf.Scene(
-        box_bodies((2.0, 1.0), (8, 4), label=quarters), {1: ELASTIC},
-        default_interaction=xf.laws.PerfectBond(),
-        loads=[*moved((LEFT, 0, 0.0), (LEFT, 1, 0.0), (RIGHT, 0, 1e-2)),
-               xf.BodyForce((0.0, -1e-3))],
+    """The blocks of `tied`, which perfect bonds alone hold and which hang on one side.
+
+    Small bodies that are alike have w on all of their nodes; of one rank they are, of two not.
+    """
+    scene, _, _ = tied()
+    bond = xf.laws.PerfectBond()
+    scene = replace(
+        scene, materials={1: ELASTIC}, default_interaction=bond,
+        ties=[replace(tie, law=bond) for tie in scene.ties],
+        loads=[*scene.loads, xf.BodyForce((0.0, -1e-3))],
     )  # fmt: skip
     return scene, {"step": 0.5, "tolerance": 1e-12, "solver": "subdomains", **STATIC}, 3
 
@@ -473,6 +477,7 @@ def run(name: str) -> dict[str, np.ndarray]:
         if path and record.step == steps // 2:
             saved = simulation.saved_in_order()
         now = record.energies | {"iterations": record.newton_iterations, "time": record.time}
+        now["sweeps"] = record.sweeps
         if scene.macroscopic is not None:
             now |= macroscopic_columns(simulation)
         now |= {f"reaction_{side}": simulation.reaction(side) for side in sides}

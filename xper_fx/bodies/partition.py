@@ -7,10 +7,6 @@ Bodies made of the parts and held together by `PerfectBond` are a dual Schur dom
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
-
 import numpy as np
 import numpy.typing as npt
 from dolfinx.cpp.graph import AdjacencyList_int64
@@ -102,8 +98,7 @@ def _connected_parts(graph: csr_array, count: int) -> npt.NDArray[np.int32]:
     if count == num_cells:
         return np.arange(num_cells, dtype=np.int32)
     adjacency = AdjacencyList_int64(graph.indices.astype(np.int64), graph.indptr.astype(np.int32))
-    with _one_thread():
-        part = np.array(partitioner()(MPI.COMM_SELF, count, adjacency, False).array, np.int32)
+    part = np.array(partitioner()(MPI.COMM_SELF, count, adjacency, False).array, np.int32)
     _fill_empty(part, count)
     rows, columns = graph.nonzero()
     while True:
@@ -144,20 +139,6 @@ def _even_out(graph: csr_array, labels: npt.NDArray[np.int32], most: float) -> N
                 break
         else:
             return
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Let SCOTCH work on one thread: on several, its parts are not the same twice."""
-    name, before = "SCOTCH_PTHREAD_NUMBER", os.environ.get("SCOTCH_PTHREAD_NUMBER")
-    os.environ[name] = "1"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[name]
-        else:
-            os.environ[name] = before
 
 
 def _fill_empty(part: npt.NDArray[np.int32], count: int) -> None:

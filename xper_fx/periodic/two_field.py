@@ -276,7 +276,7 @@ class CellBulk(Bulk):
             "guess_time": self._guess_from[0],
             "guess_rates": self._guess_from[1],
             "borne": self.borne,
-            "compliance": self._compliance,
+            "compliance": self._compliance.copy(),
             "committed_compliance": self._committed_compliance,
         }
 

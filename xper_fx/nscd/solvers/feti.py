@@ -9,7 +9,8 @@ the dual Schur complement problem of subdomains tied by multipliers (FETI; Farha
 Several facets tie the same two nodes, and more ties than needed meet where several subdomains do:
 W is singular, d in its range, r not unique, the velocities are; conjugate gradients need no more.
 
-**Preconditioner.** S = w^-1 on the interacting dofs of a body is its Dirichlet Schur complement;
+**Preconditioner.** S = w^-1, of w on the nodes of a body that points act on, is its Dirichlet Schur
+complement (w may have more, where contacts are searched or small bodies are alike);
 
     M = A^T S A,    A p = argmin |H^T y - p|^2 + (a little) y . D y,    D = diag S:
 
@@ -43,6 +44,8 @@ as M W is near one; relative to that of r, but for what the coarse space gives a
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
@@ -67,12 +70,16 @@ _ROUGH = 1e-8
 class _Blocks:
     """w body by body, the ground left out, and what can be made of it.
 
+    Args:
+        acted: which dofs of the bodies, and of others behind them, points act on.
+
     Attributes:
         size: degrees of freedom of the bodies.
-        free: shape (size,), which of them are not prescribed.
+        w: the blocks by size, each of shape (n, k, k).
+        free: shape (size,), which dofs points act on and are not prescribed.
     """
 
-    def __init__(self, inverse: BodyInverse):
+    def __init__(self, inverse: BodyInverse, acted: np.ndarray):
         self.dim = inverse.dim
         first, ends = inverse.node_offsets[:-1] * inverse.dim, inverse.data_offsets[:-1]
         self.size = int(first[-1])
@@ -85,7 +92,7 @@ class _Blocks:
                 inverse.data[a:b].reshape(1, last - first, -1)
                 for (first, last), a, b in zip(self.spans, ends[:-1], ends[1:], strict=True)
             ]
-        self.free = self.diagonal_of(self.w) > 0.0
+        self.free = acted[: self.size] & (self.diagonal_of(self.w) > 0.0)
 
     @staticmethod
     def diagonal_of(blocks: list[np.ndarray]) -> np.ndarray:
@@ -118,12 +125,16 @@ class _Blocks:
         entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(places)))
         return sp.csr_array(sp.coo_array(entries, shape=columns.shape))
 
-    def inverted(self) -> list[np.ndarray]:
-        """S, zero where a motion is prescribed."""
-        schur = []
+    def _on_free(self) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+        """First dof, blocks and which of their dofs are fixed, with zero rows, of each stack."""
         for (first, last), w in zip(self.spans, self.w, strict=True):
-            fixed = (~self.free[first:last]).astype(float).reshape(w.shape[:2])
-            s = w.copy()
+            free = self.free[first:last].reshape(w.shape[:2])
+            yield first, np.where(free[:, :, None] & free[:, None, :], w, 0.0), ~free
+
+    def inverted(self) -> list[np.ndarray]:
+        """S, zero where a motion is prescribed or nothing acts."""
+        schur = []
+        for _, s, fixed in self._on_free():
             axes = np.arange(s.shape[1])
             s[:, axes, axes] += fixed
             s = np.linalg.inv(s)
@@ -140,13 +151,12 @@ class _Blocks:
         most = self.dim * (self.dim + 1)
         (rows, columns, values), count = _lists(), 0
         known = iter(known)
-        for (first, _), w in zip(self.spans, self.w, strict=True):
+        for first, w, fixed in self._on_free():
             size = w.shape[1]
             for number, block in enumerate(w):
                 start = first + number * size
-                free = int(np.count_nonzero(self.free[start : start + size]))
                 left_out = next(known)
-                kept = min(most, free // 2) - left_out
+                kept = min(most, np.count_nonzero(~fixed[number]) // 2) - left_out
                 if kept <= 0:
                     continue
                 last = size - 1 - left_out
@@ -185,20 +195,21 @@ class BondedSystem:
     def __init__(self, interactions: Interactions, coarse_space: bool):
         self.inverse, self._interactions = interactions.inverse, interactions
         own = interactions.own_inverse
-        self._blocks = blocks = _Blocks(own)
-        self.size = blocks.size
         scalar = _scalar_jumps(interactions)
         self.jumps = sp.csr_array(sp.kron(scalar, sp.eye_array(interactions.dim)))
+        self._transposed = sp.csr_array(self.jumps.T)
+        acted = self._added_up(np.abs(self.jumps).sum(axis=0)) > 0.0
+        self._blocks = blocks = _Blocks(own, acted)
+        self.size = blocks.size
         self._schur = blocks.inverted()
         self.stiffness = blocks.diagonal_of(self._schur)
-        self._transposed = sp.csr_array(self.jumps.T)
         self._sharing = JumpSharing(interactions, scalar, self.stiffness, blocks.free)
         self._w, self.coarse = blocks.w, None
         self.motions = sp.csr_array((self.size, 0))
         anchors = interactions.anchors if coarse_space else None
         known = np.zeros(len(own.node_offsets) - 2, int)
         if anchors is not None:
-            self._w = _Blocks(anchors.held).w
+            self._w = _Blocks(anchors.held, acted).w
             self.motions = sp.csr_array(anchors.motions)[: self.size]
             first = anchors.motions.indices[anchors.motions.indptr[:-1]]
             known = np.bincount(own.block_of_node[first // own.dim], minlength=len(known))
@@ -214,10 +225,13 @@ class BondedSystem:
 
     def force_of(self, impulse: np.ndarray) -> np.ndarray:
         """H r on the dofs of bodies."""
-        forces = self._transposed @ impulse
+        return self._added_up(self._transposed @ impulse)[: self.size]
+
+    def _added_up(self, forces: np.ndarray) -> np.ndarray:
+        """Forces on this rank's slots, with those that other ranks' points add; ghosts follow."""
         if self._interactions.halo is not None:
             self._interactions.halo.everywhere.add_back(forces)
-        return forces[: self.size]
+        return forces
 
     def pushed(self, impulse: np.ndarray) -> np.ndarray:
         """w H r, or w0 H r."""
