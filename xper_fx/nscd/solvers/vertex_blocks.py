@@ -857,7 +857,7 @@ class VertexBlocks(Solver):
         move = self._move(interactions, velocity, options)
         if not interactions.touches:
             return move(self._all)
-        from xper_fx.nscd.touching.turns import take_turns
+        from xper_fx.nscd.touching.in_turns import take_turns
 
         if self._loose is None:
             from xper_fx.nscd.touching.loose_vertices import LooseVertices

@@ -60,7 +60,7 @@ class SplittingVertices(Solver):
             report = move(self._all)
             interactions.evolve(velocity)  # vertices have; it tells whether some have gone too far
             return report
-        from xper_fx.nscd.touching.turns import take_turns
+        from xper_fx.nscd.touching.in_turns import take_turns
 
         fused = interactions.fused
         return take_turns(interactions, fused, velocity, move, options, self._all)

@@ -3,7 +3,7 @@
 
 corners             the cells that meet at a vertex
 loose_vertices      vertices whose cells move each by itself
-turns               what solves a step
+in_turns            what solves a step
 touching_clusters   contacts and vertices of one rank
 shared_clusters     those that ranks share
 """
