@@ -19,8 +19,9 @@ of their cells, and may open. Contacts of whole vertices that hold take one turn
 contacts hold pieces more than once, turns by themselves would creep: impulses that a turn starts
 from are mixed with those of turns before (Anderson 1965; `algebra/anderson_mixing.py`). Wedged
 pieces creep by the same amount at each turn, as restitution asks for a little more than friction
-lets through; turns then begin as far ahead along it as the impulses themselves. A turn that began
-too far ahead is made again from nearer by.
+lets through, and where contacts hold pieces more than once they may creep by ever less. Turns then
+begin where changes that shrink as the last ones did would lead, but no farther ahead than by the
+impulses themselves. A turn that began too far ahead is made again from nearer by.
 
 **When it stops.** With dr_c what contact c still asks for after the vertices, the turns end at
 
@@ -180,7 +181,9 @@ class TouchingClusters:
                 if arrived:
                     ahead = None
                 elif creeps:
-                    ahead = (swept - r) / residual
+                    rate = residual / before
+                    lead = rate / (1.0 - rate) if rate < 1.0 else np.inf
+                    ahead = min(lead, 1.0 / residual) * (swept - r)
                 else:
                     mixed = np.empty_like(r)
                     ahead = mixed - swept if memory.mix(swept - r, swept, mixed) else None
