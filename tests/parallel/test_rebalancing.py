@@ -191,11 +191,25 @@ def folders(tmp_path_factory):
     return base, *divided
 
 
+def of_one_value(nodal):
+    """Fields at points; those that hang on impulses only of lips that have parted.
+
+    Around a vertex impulses of lips that press may have several values.
+    """
+    if "traction" in nodal:
+        pressed = nodal["jump"][:, 0] <= 1e-9
+        assert np.any(nodal["traction"][~pressed])
+        for name in ("traction", "status"):
+            nodal[name] = np.where(pressed, 0.0, nodal[name].T).T
+    return nodal
+
+
 def series(path):
-    """Fields of a series at all times."""
+    """Fields of a series at all times but the start."""
     with meshio.xdmf.TimeSeriesReader(path) as reader:
         reader.read_points_cells()
-        return [reader.read_data(k) for k in range(reader.num_steps)]
+        fields = [reader.read_data(k) for k in range(1, reader.num_steps)]
+    return [(time, of_one_value(nodal), of_cells) for time, nodal, of_cells in fields]
 
 
 @pytest.mark.ranks
@@ -211,7 +225,7 @@ def test_a_run_goes_on_to_the_bit(folders):
 @pytest.mark.parametrize("file", ["bulk.xdmf", "interfaces.xdmf"])
 def test_fields_are_those_of_one_rank(folders, file):
     one, two = (series(folders[0] / run / file) for run in ("one", "two"))
-    assert len(one) == len(two) > 4
+    assert len(one) == len(two) > 3
     for a, b in zip(one, two, strict=True):
         assert a[0] == b[0]
         for of_one, of_two in zip(a[1:], b[1:], strict=True):
@@ -228,6 +242,7 @@ def last_rows(folder, name):
         with meshio.xdmf.TimeSeriesReader(path) as reader:
             x, blocks = reader.read_points_cells()
             _, nodal, cellwise = reader.read_data(reader.num_steps - 1)
+        nodal = of_one_value(nodal)
         points.append(np.column_stack([x, *(nodal[key] for key in sorted(nodal))]))
         at_cells = {"stress", "material", "fragment"} & set(cellwise)
         columns = [np.concatenate(cellwise[key]) for key in sorted(at_cells)]
