@@ -10,9 +10,11 @@ from test_rigid_bodies_on_splitting import ELASTIC, LAW, PLATES, momentum_of, st
 
 import xper_fx as xf
 from xper_fx.nscd.kernel_calls import make_call
+from xper_fx.nscd.solvers.auto import Automatic
 from xper_fx.nscd.solvers.solver import Solver
 from xper_fx.nscd.solvers.sweeps import prepare_sweep
 from xper_fx.nscd.solvers.vertex_blocks import VertexBlocks
+from xper_fx.nscd.touching import touching_clusters
 
 TOLERANCE = 1e-9
 in_both = pytest.mark.parametrize("dim", [2, 3])
@@ -40,12 +42,12 @@ class Watched(Solver):
         return report
 
 
-def struck(dim, strength, **options):
+def struck(dim, strength, energy=1e-6, **options):
     """A plate that a ball and a box strike, and whose pieces may strike each other."""
     kind, lengths, cells = PLATES[dim]
     scene = xf.Scene(
         box_bodies(lengths, cells, kind), {1: ELASTIC},
-        default_interaction=xf.laws.CohesiveZone(300.0, fracture_energy=1e-6, strength=strength),
+        default_interaction=xf.laws.CohesiveZone(300.0, energy, strength),
         rigid=strikers(dim, 0.3), surfaces={"plate": (1,)},
         contacts=[
             xf.Contact(pair, LAW)
@@ -85,5 +87,35 @@ def test_a_run_whose_lips_have_parted_is_taken_up_to_the_bit():
     for simulation in (whole, again):
         list(simulation.steps(end))
     assert sum(map(len, whole.interactions.permanent)) < points
+    assert np.array_equal(whole.state.velocity, again.state.velocity)
+    assert np.array_equal(whole.rigid.state.velocity, again.rigid.state.velocity)
+
+
+def test_sweeps_take_the_place_of_turns_that_do_not_end(monkeypatch, caplog):
+    """The run goes on with the same motion."""
+    turned = struck(2, 5.0, 10.0)
+    step = turned.step_size
+    list(turned.steps(16 * step))
+    monkeypatch.setattr(touching_clusters, "_TURNS", 1)
+    swept = struck(2, 5.0, 10.0, step=step, max_halvings=0)
+    list(swept.steps(16 * step))
+    assert isinstance(swept.solver, Automatic)
+    assert caplog.text.count("contacts and vertices do not agree") == 1
+    assert turned.ledger.energies.dissipated_friction > 1e-3
+    speed = np.abs(turned.state.velocity).max()
+    assert swept.state.velocity == pytest.approx(turned.state.velocity, abs=1e-6 * speed)
+    assert swept.rigid.state.velocity == pytest.approx(turned.rigid.state.velocity, abs=1e-7)
+
+
+def test_a_run_in_which_sweeps_have_taken_that_place_is_taken_up_to_the_bit(monkeypatch):
+    monkeypatch.setattr(touching_clusters, "_TURNS", 1)
+    whole, again = (struck(2, 5e-3, max_halvings=0, forgiving=True) for _ in range(2))
+    step, points = whole.step_size, len(whole.interactions)
+    list(whole.steps(25 * step))
+    assert sum(map(len, whole.interactions.permanent)) < points
+    again.restore(whole.saved_in_order())
+    for simulation in (whole, again):
+        assert isinstance(simulation.solver, Automatic)
+        list(simulation.steps(35 * step))
     assert np.array_equal(whole.state.velocity, again.state.velocity)
     assert np.array_equal(whole.rigid.state.velocity, again.rigid.state.velocity)

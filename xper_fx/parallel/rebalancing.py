@@ -48,6 +48,7 @@ class Rebalancing:
     Attributes:
         is_pending: whether bodies are to be divided anew before the next step.
         cost: of the partition when it was looked at last; 1 before.
+        rank_of_body: that there is.
     """
 
     def __init__(
@@ -58,7 +59,7 @@ class Rebalancing:
         moves: np.ndarray,
         groups: np.ndarray,
     ):
-        self._ranks, self._rank_of_body, self._cells = ranks, rank_of_body, cells
+        self._ranks, self.rank_of_body, self._cells = ranks, rank_of_body, cells
         self._next, self.is_pending = rank_of_body, False
         self._moves = np.concatenate([np.ones(len(cells), bool), moves])
         _, vertex = np.unique(groups[moves], return_inverse=True)
@@ -86,7 +87,7 @@ class Rebalancing:
 
     def _judge(self, pairs: np.ndarray, weights: np.ndarray) -> None:
         """Look at the partition by what there is between bodies, as of `weighed`."""
-        self.cost = cost = self._cost(self._rank_of_body, pairs, weights)
+        self.cost = cost = self._cost(self.rank_of_body, pairs, weights)
         self._reached = min(self._reached, cost)
         self._lost += _LOOKS_EVERY * (cost - self._reached)
         if self._lost <= _PRICE:
@@ -118,7 +119,7 @@ class Rebalancing:
         if saved["ranks"] != self._ranks.size:
             return None
         rank_of_body = saved["rank_of_body"]
-        return None if np.array_equal(rank_of_body, self._rank_of_body) else rank_of_body
+        return None if np.array_equal(rank_of_body, self.rank_of_body) else rank_of_body
 
     def _cost(self, rank_of_body: np.ndarray, pairs: np.ndarray, weights: np.ndarray) -> float:
         sides = ranks_of_pairs(rank_of_body, self._moves, pairs)
@@ -140,7 +141,7 @@ class Rebalancing:
             np.maximum(work, 1), vertex[pairs[both]], exchanged, self._ranks.size
         )
         none_empty(of_vertex[:first], self._ranks.size)
-        new = self._rank_of_body.copy()
+        new = self.rank_of_body.copy()
         new[vertex >= 0] = of_vertex[vertex[vertex >= 0]]
         return new
 

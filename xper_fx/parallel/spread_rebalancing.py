@@ -80,7 +80,7 @@ class SpreadRebalancing(Rebalancing):
         """As of `Rebalancing`."""
         if saved["ranks"] != self._ranks.size:
             return None
-        of_cell, present = saved["rank_of_cell"][self._parent_cell], self._rank_of_body
+        of_cell, present = saved["rank_of_cell"][self._parent_cell], self.rank_of_body
         meshed = np.empty(len(self._cells), present.dtype)
         meshed[self._body_of_cell] = of_cell
         new = np.concatenate([meshed, np.asarray(saved["rank_of_body"], present.dtype)])
@@ -112,7 +112,7 @@ class SpreadRebalancing(Rebalancing):
                   for x in self._places()[self._own].T]  # fmt: skip
         work = np.maximum(np.bincount(vertex, work, len(vertices)), 1.0)
         rank = bisected(self._ranks, np.stack(middle, axis=1), work)[vertex]
-        new = self._rank_of_body.copy()
+        new = self.rank_of_body.copy()
         new[self._own] = rank
         rigid = new[len(self._cells) :]
         told = self._ranks.comm.allgather((self._own[~meshed] - len(self._cells), rank[~meshed]))

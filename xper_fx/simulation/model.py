@@ -30,8 +30,10 @@ from xper_fx.simulation.one_system import takes_one_system
 from xper_fx.simulation.options import Options
 from xper_fx.simulation.permanent_points import ScenePoints
 from xper_fx.simulation.shared_motions import (
+    bonds_split,
     condenses,
     share_motions,
+    touched_by_vertex,
 )
 from xper_fx.simulation.tagged_facets import TaggedFacets
 from xper_fx.support.profile import Stopwatch
@@ -68,6 +70,7 @@ class Model:
         team: ranks that have the scene; they divide its bodies or contacts where they can.
         stopwatch: of the run.
         rank_of_body: as of `decomposed`; the scene has been checked, and doubts told, if given.
+        sweeps: whether an explicit bulk sweeps over contacts and bonds together.
 
     Attributes:
         scene, options, stopwatch: as given.
@@ -85,6 +88,9 @@ class Model:
         points: permanent points.
         detection: searches of contacts, None if the scene names no contacts.
         joints: of rigid bodies, None without any.
+        by_vertex: whether each vertex of an explicit bulk is solved alone.
+        sweeps: whether sweeps over contacts and bonds have taken the place of that; as given.
+        may_sweep: whether they can.
         monolithic: whether bulk and interactions are solved in one system.
         scheme: of the bulk in time.
         interactions: all points, None if the scene has none.
@@ -105,6 +111,7 @@ class Model:
         team: Ranks,
         stopwatch: Stopwatch,
         rank_of_body: np.ndarray | None = None,
+        sweeps: bool = False,
     ):
         self.scene, self.options, self.stopwatch = scene, options, stopwatch
         if first := rank_of_body is None:
@@ -125,7 +132,15 @@ class Model:
             self.bulk, self.bodies, scene.initial_velocity, self.step_size, options.inertia
         )
         searched = any(contact.law is not None for contact in scene.contacts)
-        self.by_vertex = options.scheme == "explicit" and scene.points == "nodal"
+        touched, self.sweeps = searched or self.rigid is not None, sweeps
+        self.by_vertex = (
+            options.scheme == "explicit" and scene.points == "nodal"
+            and (not touched or touched_by_vertex(scene, sweeps, self.ranks))
+        )  # fmt: skip
+        self.may_sweep = (
+            self.by_vertex and touched and not bonds_split(scene)
+            and (team.alone or self.balance is not None)
+        )  # fmt: skip
         self.points = ScenePoints(scene, self.bulk, ties, self.part, self.by_vertex)
         self.detection = self._detection() if searched else None
         self._laws = (self.points if self.detection is None else self.detection).laws

@@ -100,6 +100,8 @@ class Restartable(Readings):
         }
         if self._numbers_of_spread:
             saved["spread"] = 1
+        if model.sweeps:
+            saved["sweeps"] = 1
         if self.last is not None:
             saved["last"] = {
                 "reactions": by_cell(self.last.reactions),
@@ -194,7 +196,7 @@ class Restartable(Readings):
 
     def _take_up(self, saved: Mapping) -> None:
         """Go on where `saved` was taken, of the same equations."""
-        model = self._divided_as(saved)
+        model = self._made_as(saved)
         from_cells = model.bulk.unknowns.from_cells
         state = saved.get("state", {})
         vectors = {
@@ -243,36 +245,66 @@ class Restartable(Readings):
                 interactions.update_inverse(inverse.blocks)
         restore_memory(self.solver, interactions, model.ranks, saved.get("solvers", {}))
 
-    def _divided_as(self, saved: Mapping) -> Model:
-        """The model, made again if `saved` is of one whose bodies were on other ranks."""
-        model, attempts = self.model, self._attempts
-        if model.balance is not None and "balance" in saved:
-            rank_of_body, scene = model.balance.other(saved["balance"]), model.scene
-            if rank_of_body is not None:
-                if self._numbers_of_spread:
-                    from xper_fx.scene.moved_scene import moved_scene
+    def _made_as(self, saved: Mapping) -> Model:
+        """The model, made again if `saved` is of one that has its bodies on other ranks, or sweeps.
 
-                    own, rigid = np.split(rank_of_body, [self.bodies.num_bodies])
-                    scene = moved_scene(scene, own)
-                    rank_of_body = np.concatenate([scene.bodies.spread.rank_of_body, rigid])
-                options, watch = model.options, model.stopwatch
-                self._take(Model(scene, options, self.team, watch, rank_of_body))
-                self._attempts.doubts = attempts.doubts
+        The latter is what `_sweep_on` makes of one.
+        """
+        model, attempts, scene = self.model, self._attempts, self.model.scene
+        rank_of_body, balance = None, model.balance
+        if balance is not None and "balance" in saved:
+            rank_of_body = balance.other(saved["balance"])
+        moves, sweeps = rank_of_body is not None, "sweeps" in saved
+        if not moves and sweeps <= model.sweeps:
+            return model
+        if rank_of_body is None:
+            rank_of_body = np.zeros(0, int) if balance is None else balance.rank_of_body
+        if self._numbers_of_spread:
+            own, rigid = np.split(rank_of_body, [self.bodies.num_bodies])
+            if moves:
+                from xper_fx.scene.moved_scene import moved_scene
+
+                scene = moved_scene(scene, own)
+            rank_of_body = np.concatenate([scene.bodies.spread.rank_of_body, rigid])
+        options, watch = model.options, model.stopwatch
+        self._take(Model(scene, options, self.team, watch, rank_of_body, sweeps))
+        self._attempts.doubts = attempts.doubts
         return self.model
 
     def _rebalance(self) -> None:
         """Divide bodies among ranks as it was found better; all ranks call it together."""
         if self.model.balance is not None and self.model.balance.is_pending:
-            course = self._course
             with self.stopwatch.phase("balance of ranks"):
-                if self._numbers_of_spread:
-                    from xper_fx.parallel.kept_rows import KeptRows
+                self._make_again()
 
-                    saved = _with_rows(self.saved(), partial(KeptRows, self.ranks))
-                else:
-                    saved = self.saved_in_order()
-                self.restore(saved)
-            self._course = course
+    def _sweep_on(self) -> bool:
+        """Let sweeps over contacts and bonds take the place of turns, if that is possible and new.
+
+        So they do from now on where turns of contacts and vertices end at no size of the step.
+        """
+        if not self.model.may_sweep:
+            return False
+        if self.team.rank == 0:
+            logger.warning(
+                "step %d: contacts and vertices do not agree; sweeps go over all points from here "
+                "on, which takes longer", self.step_number + 1,
+            )  # fmt: skip
+        self._make_again(sweeps=1)
+        return True
+
+    def _make_again(self, **changed: int) -> None:
+        """Make the model again and take up the state, with something changed in it."""
+        course = self._course
+        if self._numbers_of_spread:
+            from xper_fx.parallel.kept_rows import KeptRows
+
+            saved = _with_rows(self.saved(), partial(KeptRows, self.ranks))
+        else:
+            saved = self.saved_in_order()
+        if changed:
+            del saved["solvers"]  # they are others then
+        self.restore(saved | changed)
+        self._course = course
 
 
 def _with_rows(tree: Mapping, taken: Callable[[Rows], Any]) -> dict:

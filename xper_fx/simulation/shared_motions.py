@@ -11,6 +11,7 @@ from xper_fx.bulk.state import State
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.laws.law import Law
 from xper_fx.scene.scene import Scene
+from xper_fx.support.ranks import Ranks
 
 
 def bonds_split(scene: Scene) -> bool:
@@ -19,6 +20,21 @@ def bonds_split(scene: Scene) -> bool:
         return False
     laws, _ = scene.law_of_facet()
     return any(getattr(law.kernels(scene.dim), "rigid", None) for law in laws)
+
+
+def touched_by_vertex(scene: Scene, sweeps: bool, ranks: Ranks) -> bool:
+    """Whether an explicit bulk that contacts touch solves its vertices alone.
+
+    So it does where bonds are at its facets. Contacts without these are swept alone as it is.
+
+    Args:
+        sweeps: whether bonds that are not initially rigid are swept with the contacts.
+        ranks: those that divide the scene.
+    """
+    if scene.bodies is None or bonds_split(scene):
+        return True
+    _, law_of_facet = scene.law_of_facet()
+    return not sweeps and ranks.max(float(np.any(law_of_facet >= 0))) > 0.0
 
 
 def condenses(scene: Scene, laws: Sequence[Law]) -> bool:

@@ -329,7 +329,9 @@ class Simulation(Restartable):
             if record is not None:
                 yield record
             elif last_try:
-                give_up(self, self._attempts, outcome, size)
+                if outcome is None or not self._sweep_on():
+                    give_up(self, self._attempts, outcome, size)
+                pieces.append((size, halvings))
             else:
                 logger.info(
                     "step %d at h = %.3g s did not converge, or went too far: halved",
