@@ -29,12 +29,7 @@ from xper_fx.simulation.not_finite import not_finite_columns
 from xper_fx.simulation.one_system import takes_one_system
 from xper_fx.simulation.options import Options
 from xper_fx.simulation.permanent_points import ScenePoints
-from xper_fx.simulation.shared_motions import (
-    bonds_split,
-    condenses,
-    share_motions,
-    touched_by_vertex,
-)
+from xper_fx.simulation.shared_motions import condenses, share_motions, touched_by_vertex
 from xper_fx.simulation.tagged_facets import TaggedFacets
 from xper_fx.support.profile import Stopwatch
 from xper_fx.support.ranks import Ranks
@@ -90,13 +85,12 @@ class Model:
         joints: of rigid bodies, None without any.
         by_vertex: whether each vertex of an explicit bulk is solved alone.
         sweeps: whether sweeps over contacts and bonds have taken the place of that; as given.
-        may_sweep: whether they can.
         monolithic: whether bulk and interactions are solved in one system.
         scheme: of the bulk in time.
         interactions: all points, None if the scene has none.
         healing: of the overlaps of rigid bodies, None where they are left.
         bond_turns: by how much bonds have turned that should not; None where they may.
-        slot_nodes: nodes, among the unknowns, in the order of slots, before those of rigid bodies.
+        slot_nodes: nodes, among the unknowns, in the order of slots, rigid bodies left out.
         ledger: energies.
         control: of step and tolerances, None without an accuracy.
 
@@ -132,15 +126,9 @@ class Model:
             self.bulk, self.bodies, scene.initial_velocity, self.step_size, options.inertia
         )
         searched = any(contact.law is not None for contact in scene.contacts)
-        touched, self.sweeps = searched or self.rigid is not None, sweeps
-        self.by_vertex = (
-            options.scheme == "explicit" and scene.points == "nodal"
-            and (not touched or touched_by_vertex(scene, sweeps, self.ranks))
-        )  # fmt: skip
-        self.may_sweep = (
-            self.by_vertex and touched and not bonds_split(scene)
-            and (team.alone or self.balance is not None)
-        )  # fmt: skip
+        self.sweeps, touched = sweeps, searched or self.rigid is not None
+        alone = not touched or touched_by_vertex(scene, sweeps, self.ranks)
+        self.by_vertex = alone and options.scheme == "explicit" and scene.points == "nodal"
         self.points = ScenePoints(scene, self.bulk, ties, self.part, self.by_vertex)
         self.detection = self._detection() if searched else None
         self._laws = (self.points if self.detection is None else self.detection).laws
@@ -400,9 +388,8 @@ class Model:
         scene = self.scene
         if not self.options.healing or self.detection is None:
             return None
-        if scene.bodies is not None or scene.joints or scene.lattice is not None:
-            return None
-        if not self.scene.rigid_bodies.is_prescribed.any():  # nothing holds them
+        bound = scene.bodies is not None or scene.joints or scene.lattice is not None
+        if bound or not scene.rigid_bodies.is_prescribed.any():  # nothing holds them
             return None
         if any("stored" in law.kernels(self.scene.dim).energies for law in self.detection.laws):
             return None

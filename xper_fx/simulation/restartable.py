@@ -19,6 +19,7 @@ from xper_fx.simulation.course import Course
 from xper_fx.simulation.explicit_start import leave_explicit
 from xper_fx.simulation.model import Model
 from xper_fx.simulation.readings import Readings
+from xper_fx.simulation.shared_motions import bonds_split
 from xper_fx.simulation.solver_memory import restore_memory, saved_memory
 from xper_fx.support.errors import CheckpointError
 from xper_fx.support.ranks import Ranks
@@ -282,7 +283,9 @@ class Restartable(Readings):
 
         So they do from now on where turns of contacts and vertices end at no size of the step.
         """
-        if not self.model.may_sweep:
+        model = self.model
+        stays = bonds_split(model.scene) or not (self.team.alone or model.balance is not None)
+        if stays or not (model.by_vertex and model.interactions.touches):
             return False
         if self.team.rank == 0:
             logger.warning(
