@@ -72,7 +72,7 @@ class DistributedSweeps(Solver):
         early = options.likely_sweeps - 1
         look = min(early, _FIRST_LOOK)
         for count in range(1, max_sweeps + 1):
-            sweep_ranks(interactions, sweep, velocity)
+            sweep_ranks(interactions, sweep, velocity, first=count == 1)
             untold.append(sweep.stats[:, :2].sum(axis=0))
             if count < min(look, max_sweeps):
                 continue

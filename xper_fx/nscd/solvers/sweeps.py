@@ -72,7 +72,9 @@ def prepare_sweep(interactions: Interactions, velocity: np.ndarray, options: Sol
     return Sweep(bind_calls(kernels, arguments), bodies, marked, stats, arguments)
 
 
-def sweep_ranks(interactions: Interactions, sweep: Sweep, velocity: np.ndarray) -> None:
+def sweep_ranks(
+    interactions: Interactions, sweep: Sweep, velocity: np.ndarray, first: bool = False
+) -> None:
     """One sweep over the marked tiles of all points; all ranks call it together.
 
     Velocities go on from rank to rank after each phase; those of ghosts lag behind afterwards.
@@ -80,6 +82,7 @@ def sweep_ranks(interactions: Interactions, sweep: Sweep, velocity: np.ndarray) 
     Args:
         sweep: over them.
         velocity: shape (num_slots * dim,), that of the sweep.
+        first: whether ghosts have the velocities of their owners, as before the first sweep.
     """
     halo = interactions.halo
     exchanges = () if halo is None else halo.turns
@@ -87,7 +90,8 @@ def sweep_ranks(interactions: Interactions, sweep: Sweep, velocity: np.ndarray) 
     for phase, exchange in enumerate(exchanges):
         if phase > 0:
             _sweep_phase(sweep, phases, phase)
-        exchange.forward(velocity)
+        if phase > 0 or not first:
+            exchange.forward(velocity)
     _sweep_phase(sweep, phases, 0)
     if halo is not None and halo.copies > 1:
         halo.settle(velocity)
