@@ -2,7 +2,7 @@
 """Ghost velocities at the cuts between ranks.
 
 A rank's interactions act on the slots of its own nodes and on *ghosts*: the slots of other ranks'
-bodies at its points, with their blocks of w. Ghosts follow their owners by DOLFINx index maps.
+bodies at its points, with their blocks of w. Ghosts follow their owners (`exchange.py`).
 """
 
 from __future__ import annotations
