@@ -110,7 +110,7 @@ def cells_at(
     if not owned:
         return _NO_PAIRS
     beside = _BESIDE * float(np.ptp(mesh.geometry.x, axis=0).max())
-    tree = geometry.bb_tree(mesh, dim, np.arange(owned, dtype=np.int32), padding=beside)
+    tree = geometry.bb_tree(mesh, dim, entities=np.arange(owned, dtype=np.int32), padding=beside)
     near = geometry.compute_collisions_points(tree, positions)
     if not len(near.array):
         return _NO_PAIRS

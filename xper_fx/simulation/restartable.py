@@ -284,8 +284,9 @@ class Restartable(Readings):
         So they do from now on where turns of contacts and vertices end at no size of the step.
         """
         model = self.model
-        stays = bonds_split(model.scene) or not (self.team.alone or model.balance is not None)
-        if stays or not (model.by_vertex and model.interactions.touches):
+        if model.interactions is None or not (model.by_vertex and model.interactions.touches):
+            return False
+        if bonds_split(model.scene) or not (self.team.alone or model.balance is not None):
             return False
         if self.team.rank == 0:
             logger.warning(
