@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "ranks"))
 import rebalanced
 
 SCENES = {
-    2: ("explicit_shards", "pelted", "split_pelted", "pile", "again"),
+    2: ("explicit_shards", "pelted", "split_pelted", "pile", "again", "swept"),
     3: ("hinged", "there_and_back", "asked"),
 }
 RUNS = SCENES[2][:3]
@@ -292,6 +292,13 @@ def test_a_run_of_a_spread_mesh_goes_on_to_the_bit(found):
     runs = found("again", 2)
     for step in (8, 10):
         np.testing.assert_array_equal(runs[f"from_{step}"], runs["whole"][step:])
+
+
+@pytest.mark.ranks
+def test_sweeps_that_take_the_place_of_turns_are_those_of_one_rank(found):
+    one, two = rebalanced.swept(), found("swept", 2)
+    assert one["sweeps"] and two["sweeps"]
+    assert np.abs(two["energies"] - one["energies"]).max() < 1e-8 * np.abs(one["energies"]).max()
 
 
 @pytest.mark.ranks

@@ -21,6 +21,7 @@ import moving_load
 from xper_fx.bodies.explode import Bodies
 from xper_fx.bodies.meshes import facets_of_cells
 from xper_fx.bodies.moved import moved
+from xper_fx.nscd.touching import touching_clusters
 from xper_fx.output import checkpoint
 from xper_fx.output.recorder import Recorder
 from xper_fx.output.run import recorded_steps
@@ -55,6 +56,8 @@ def run(name: str) -> dict[str, np.ndarray]:
         return there_and_back()
     if name == "asked":
         return asked()
+    if name == "swept":
+        return swept()
     partition = rebalancing.partition_bodies
     with (
         patch.multiple(rebalancing, **AT_EACH_LOOK),
@@ -119,6 +122,17 @@ def again() -> dict[str, np.ndarray]:
             for record in simulation.steps(LAST * simulation.step_size):
                 found.setdefault(f"from_{step}", []).append(list(record.energies.values()))
     return {name: np.array(energies) for name, energies in found.items()}
+
+
+def swept() -> dict[str, np.ndarray]:
+    """Energies where sweeps take the place of turns of contacts and vertices, and bodies move."""
+    turns = patch.object(touching_clusters, "_TURNS", 1)
+    with turns, patch.multiple(rebalancing, **AT_EACH_LOOK):
+        scene, options, _ = touching_bodies.explicit_shards()
+        simulation = Simulation(scene, **options, max_halvings=0)
+        steps = simulation.steps(LAST * simulation.step_size)
+        energies = [list(record.energies.values()) for record in steps]
+    return {"energies": np.array(energies), "sweeps": np.array(simulation.model.sweeps)}
 
 
 def asked() -> dict[str, np.ndarray]:
