@@ -305,7 +305,7 @@ class Restartable(Readings):
         else:
             saved = self.saved_in_order()
         if changed:
-            del saved["solvers"]  # they are others then
+            saved.pop("solvers", None)  # they are others then; of bodies to divide none are saved
         self.restore(saved | changed)
         self._course = course
 
