@@ -292,6 +292,8 @@ def test_a_run_of_a_spread_mesh_goes_on_to_the_bit(found):
     runs = found("again", 2)
     for step in (8, 10):
         np.testing.assert_array_equal(runs[f"from_{step}"], runs["whole"][step:])
+    assert runs["sweeps"]
+    np.testing.assert_allclose(runs["swept"], runs["whole"], atol=1e-8 * runs["whole"].max())
 
 
 @pytest.mark.ranks

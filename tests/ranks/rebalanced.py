@@ -24,6 +24,7 @@ from xper_fx.bodies.moved import moved
 from xper_fx.output import checkpoint
 from xper_fx.output.recorder import Recorder
 from xper_fx.output.run import recorded_steps
+from xper_fx.nscd.touching import touching_clusters
 from xper_fx.parallel import rebalancing, spread_rebalancing
 from xper_fx.parallel.launch import run_together
 from xper_fx.parallel.local_bodies import divide
@@ -105,7 +106,10 @@ def spread_plates() -> Simulation:
 
 
 def again() -> dict[str, np.ndarray]:
-    """Energies of bodies that go to and fro; of runs that go on, before and after a division."""
+    """Energies of bodies that go to and fro; of runs that go on, before and after a division.
+
+    And of one in which sweeps take the place of turns in a step in which bodies are to be divided.
+    """
     found: dict[str, list] = {}
     with to_and_fro(), TemporaryDirectory() as own:
         base, simulation = Path(MPI.COMM_WORLD.bcast(own)), spread_plates()
@@ -118,6 +122,12 @@ def again() -> dict[str, np.ndarray]:
             checkpoint.restore(base / f"{step}.h5", simulation)
             for record in simulation.steps(LAST * simulation.step_size):
                 found.setdefault(f"from_{step}", []).append(list(record.energies.values()))
+    with patch.multiple(rebalancing, **AT_EACH_LOOK), patch.object(touching_clusters, "_TURNS", 1):
+        scene, options, _ = touching_bodies.explicit_shards()
+        simulation = Simulation(scene, max_halvings=0, **options)
+        for record in simulation.steps(LAST * simulation.step_size):
+            found.setdefault("swept", []).append(list(record.energies.values()))
+        found["sweeps"] = [simulation.model.sweeps]
     return {name: np.array(energies) for name, energies in found.items()}
 
 
