@@ -21,10 +21,10 @@ import moving_load
 from xper_fx.bodies.explode import Bodies
 from xper_fx.bodies.meshes import facets_of_cells
 from xper_fx.bodies.moved import moved
+from xper_fx.nscd.touching import touching_clusters
 from xper_fx.output import checkpoint
 from xper_fx.output.recorder import Recorder
 from xper_fx.output.run import recorded_steps
-from xper_fx.nscd.touching import touching_clusters
 from xper_fx.parallel import rebalancing, spread_rebalancing
 from xper_fx.parallel.launch import run_together
 from xper_fx.parallel.local_bodies import divide
