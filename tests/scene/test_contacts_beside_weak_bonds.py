@@ -119,3 +119,27 @@ def test_a_run_in_which_sweeps_have_taken_that_place_is_taken_up_to_the_bit(monk
         list(simulation.steps(35 * step))
     assert np.array_equal(whole.state.velocity, again.state.velocity)
     assert np.array_equal(whole.rigid.state.velocity, again.rigid.state.velocity)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1e-9])
+def test_a_small_disc_spins_fast_and_a_plate_breaks_as_a_large_one(size):
+    """The same speeds in metres and below: spins of 1e10 rad/s are no speeds."""
+
+    def motion(size):
+        disc = xf.RigidBody(
+            xf.rigid.Disc(0.2 * size), (0.53 * size, 0.701 * size), "disc", density=3.0,
+            velocity=(0.06, -0.2), spin=1.0 / size,
+        )  # fmt: skip
+        scene = xf.Scene(
+            box_bodies((2.0 * size, 0.5 * size), (8, 2)), {1: ELASTIC},
+            default_interaction=xf.laws.CohesiveZone(300.0 / size, 1e-6 * size, 5e-3, friction=0.3),
+            rigid=[disc], surfaces={"plate": (1,)},
+            contacts=[xf.Contact((name, "plate"), LAW) for name in ("disc", "plate")],
+        )  # fmt: skip
+        options = {"scheme": "explicit", "tolerance": TOLERANCE, "num_threads": 1}
+        simulation = xf.Simulation(scene, **options)
+        list(simulation.steps(16 * simulation.step_size))
+        assert simulation.interactions.gather("damage").min() == 0.0
+        return simulation.state.velocity
+
+    assert motion(size) == pytest.approx(motion(1.0), abs=1e-8)

@@ -127,3 +127,9 @@ def bytes_of_groups(groups: Iterable[PointGroup]) -> int:
     for group in groups:
         kept |= group.arrays()
     return sum(a.nbytes for a in kept.values())
+
+
+def largest_arm(groups: list[PointGroup]) -> float:
+    """Largest component of a lever arm at rigid bodies (m), zero without any."""
+    arms = [np.abs(g.couplings.lever_arms).max(initial=0.0) for g in groups if g.sides.lever_arms]
+    return max(arms, default=0.0)

@@ -306,7 +306,7 @@ class Restartable(Readings):
         else:
             saved = self.saved_in_order()
         if changed:
-            saved.pop("solvers", None)  # they are others then
+            saved.pop("solvers", None)  # they are others then; of bodies to divide none are saved
         self.restore(saved | changed)
         self._course = course
 

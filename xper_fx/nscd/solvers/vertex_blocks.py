@@ -52,7 +52,7 @@ from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY, LEAN_INNER, MERGED
 from xper_fx.nscd.law_loops import jump_to_prepare
 from xper_fx.nscd.laws.law import LawKernels
-from xper_fx.nscd.point_group import PointGroup
+from xper_fx.nscd.point_group import PointGroup, largest_arm
 from xper_fx.nscd.points import frame_from_normal
 from xper_fx.nscd.solvers.solver import SolveOptions, Solver, SolveReport
 from xper_fx.support.threads import in_ranges, worth_taking
@@ -886,7 +886,9 @@ class VertexBlocks(Solver):
             for g in interactions.permanent
         )
         free = velocity.copy()
-        speed = max(velocity.max(initial=_TINY), -velocity.min(initial=-_TINY))
+        spins = interactions.own_rigid(free)[1::2]
+        spins *= largest_arm(interactions.passing)
+        speed = max(free.max(initial=_TINY), -free.min(initial=-_TINY))
         dim, blocks, everywhere = interactions.dim, self._blocks, self._all
 
         def move(vertices: np.ndarray) -> SolveReport:

@@ -54,7 +54,7 @@ from xper_fx.nscd.couplings import Couplings, Sides, lever_arm_kernels
 from xper_fx.nscd.interactions import Interactions
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.nscd.laws.law import LawKernels
-from xper_fx.nscd.point_group import PointGroup
+from xper_fx.nscd.point_group import PointGroup, largest_arm
 from xper_fx.nscd.solvers.solver import SolveOptions, SolveReport
 
 if TYPE_CHECKING:
@@ -256,10 +256,9 @@ class TouchingClusters:
 
     def _largest_speed(self) -> float:
         """Of slots and, by their spins, of points of rigid bodies (m/s), over all ranks."""
-        arms = [np.abs(c.lever_arms).max(initial=0.0) for c in self._turned if c]
         speed = np.abs(self._free)
         first = self._first_rigid
-        speed[first + 1 : first + 2 * len(self._rigid_w) : 2] *= max(arms, default=0.0)
+        speed[first + 1 : first + 2 * len(self._rigid_w) : 2] *= largest_arm(self._groups)
         return self._interactions.largest(float(speed.max(initial=0.0)))
 
     def _sweep_on(self) -> int:
