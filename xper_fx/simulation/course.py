@@ -50,6 +50,10 @@ class Course:
         if explicit:
             self.cautious = _CAUTIOUS
 
+    def rejoin(self, size: float) -> None:
+        """Put one piece in the place of one of a size (s) that has failed and all that are left."""
+        self.pieces[:] = [(size + sum(left for left, _ in self.pieces), 0)]
+
     def towards(self, time: float, end_time: float, step: float) -> Course:
         """The way from a time to an end time in steps of a size (s): this one where it resumes."""
         resumes, self.resumes = self.resumes, False

@@ -331,7 +331,7 @@ class Simulation(Restartable):
             elif last_try:
                 if outcome is None or not self._sweep_on():
                     give_up(self, self._attempts, outcome, size)
-                pieces.append((size, halvings))
+                self._course.rejoin(size)
             else:
                 logger.info(
                     "step %d at h = %.3g s did not converge, or went too far: halved",
