@@ -13,6 +13,7 @@ from xper_fx.cache import njit
 from xper_fx.nscd.kernel_options import LEAN_ENTRY
 from xper_fx.support.ranks import Ranks
 
+# Tag of these messages; that of ranks that fail is the one before (`support/ranks.py`).
 _TAG = 32_002
 
 

@@ -799,20 +799,9 @@ def _solve_kernel(laws: tuple[LawKernels, ...], dim: int, unknowns: int, turns: 
 
     @njit(fastmath={"contract"}, nogil=True, **LEAN_ENTRY)
     def solve_range(
-        first,
-        last,
-        vertices,
-        v,
-        groups,
-        ratio,
-        step,
-        theta,
-        tolerance,
-        max_sweeps,
-        relax,
-        speed,
-        blocks,
-    ):
+        first, last, vertices, v, groups, ratio, step, theta, tolerance, max_sweeps, relax, speed,
+        blocks
+    ):  # fmt: skip
         sweeps, residual, traction, failed = 0, 0.0, 0.0, 0
         for n in range(first, last):
             b = vertices[n]
@@ -885,10 +874,11 @@ class VertexBlocks(Solver):
             (g.ordering.tile_offsets, Couplings(*g.couplings[:7]), g.law_arrays(), g.inverse_area)
             for g in interactions.permanent
         )
-        free = velocity.copy()
-        spins = interactions.own_rigid(free)[1::2]
-        spins *= largest_arm(interactions.passing)
-        speed = max(free.max(initial=_TINY), -free.min(initial=-_TINY))
+        free, speeds = np.empty_like(velocity), velocity
+        if len(interactions.rigid_blocks):  # a spin moves what is at the end of an arm
+            speeds = velocity.copy()
+            interactions.own_rigid(speeds)[1::2] *= largest_arm(interactions.passing)
+        speed = max(speeds.max(initial=_TINY), -speeds.min(initial=-_TINY))
         dim, blocks, everywhere = interactions.dim, self._blocks, self._all
 
         def move(vertices: np.ndarray) -> SolveReport:
